@@ -3,7 +3,6 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
-#include <numbers>
 #include <numeric>
 #include <tuple>
 #include <vector>
@@ -13,8 +12,6 @@
 namespace relievo {
 
 namespace {
-
-constexpr double kDegree = std::numbers::pi / 180;
 
 double angleBetween(const glm::dvec3& a, const glm::dvec3& b) {
   return std::atan2(glm::length(glm::cross(a, b)), glm::dot(a, b));

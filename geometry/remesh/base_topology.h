@@ -6,6 +6,7 @@
 
 #include <array>
 #include <cstdint>
+#include <numbers>
 #include <span>
 #include <vector>
 
@@ -14,6 +15,8 @@
 #include "src/base/result.h"
 
 namespace relievo {
+
+inline constexpr double kDegree = std::numbers::pi / 180;  // in radians
 
 inline constexpr uint32_t kNoIndex = ~uint32_t{0};
 

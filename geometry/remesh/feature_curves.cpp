@@ -3,7 +3,6 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
-#include <numbers>
 #include <numeric>
 
 #include "geometry/remesh/coarse_mesh.h"
@@ -12,7 +11,6 @@ namespace relievo {
 
 namespace {
 
-constexpr double kDegree = std::numbers::pi / 180;
 // Turns of a feature curve, and dihedral angles, from which on they count.
 constexpr double kSharpAngle = 50 * kDegree;
 // A crease goes on along edges of at least that dihedral angle, where it does not turn by more than that.

@@ -33,7 +33,7 @@ std::string load(const fs::path& path) {
 
 void meshes() {
   using namespace relievo::test;
-  Sample plain = cubeSphere(1), full = sheet(2, 2);
+  Sample plain = scanOfCubeSphere(1), full = sheet(2, 2);
   decorate(full, 3);
   for (Encoding e : {Encoding::kAscii, Encoding::kLittle, Encoding::kBig}) {
     const std::string name = std::to_string(static_cast<int>(e));

@@ -51,7 +51,7 @@ struct Sample {
 
 // A closed surface that faces outwards: a cube of n x n quads a side, blown up to a sphere. Coordinates are multiples
 // of 2^-12, so that every format holds them exactly.
-inline Sample cubeSphere(int n, double radius = 100, glm::dvec3 centre = {0, 0, 0}) {
+inline Sample scanOfCubeSphere(int n, double radius = 100, glm::dvec3 centre = {0, 0, 0}) {
   Sample s;
   std::map<std::array<int, 3>, uint32_t> named;
   auto vertex = [&](glm::ivec3 p) {

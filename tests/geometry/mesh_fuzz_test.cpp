@@ -44,7 +44,7 @@ struct Subject {
 
 const std::vector<Subject>& subjects() {
   static const std::vector<Subject> all = [] {
-    Sample plain = cubeSphere(4), full = plain;
+    Sample plain = scanOfCubeSphere(4), full = plain;
     decorate(full, kSeed);
     std::vector<Subject> out;
     for (Encoding e : {Encoding::kAscii, Encoding::kLittle, Encoding::kBig}) {
@@ -79,7 +79,7 @@ const std::vector<Subject>& subjects() {
     out.push_back({"plain.glb", glbFile(plain)});
     out.push_back(
         {"full.glb", glbFile(full, images, "\"children\":[1,2]},{\"mesh\":0,\"scale\":[1,-1,2]},{\"mesh\":0")});
-    out.push_back({"plain.gltf", gltfFile(cubeSphere(2))});
+    out.push_back({"plain.gltf", gltfFile(scanOfCubeSphere(2))});
     full.corner_uv.clear();
     for (bool binary : {false, true}) {
       out.push_back({"plain.off", offFile(plain, binary)});

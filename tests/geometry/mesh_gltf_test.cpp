@@ -57,7 +57,7 @@ int encoded(double linear) {
 }
 
 TEST(MeshGltf, PositionsAreMetresWhetherInAGlbADataUriOrAFileBeside) {
-  const Sample s = cubeSphere(4, 0.25);
+  const Sample s = scanOfCubeSphere(4, 0.25);
   const auto mm = [](glm::dvec3 p) { return 1000.0 * p; };
   const LoadedMesh glb = mustRead(saveFile("a.glb", glbFile(s)));
   EXPECT_LT(farthest(glb, s, mm), 1e-4);
@@ -77,7 +77,7 @@ TEST(MeshGltf, PositionsAreMetresWhetherInAGlbADataUriOrAFileBeside) {
 }
 
 TEST(MeshGltf, NodesPlaceMeshesAndMirrorsTurnTheirTriangles) {
-  const Sample s = cubeSphere(3, 0.25);
+  const Sample s = scanOfCubeSphere(3, 0.25);
   const MeshReadOptions metres{.mm_per_unit = 1};
   // A quarter turn about z, twice as large, moved; by parts and as a matrix.
   const auto moved = [](glm::dvec3 p) { return glm::dvec3(5 - 2 * p.y, 6 + 2 * p.x, 7 + 2 * p.z); };
@@ -106,7 +106,7 @@ TEST(MeshGltf, NodesPlaceMeshesAndMirrorsTurnTheirTriangles) {
 }
 
 TEST(MeshGltf, SeveralMeshesPrimitivesAndInstancesBecomeOneScan) {
-  const Sample s = cubeSphere(3, 0.25);
+  const Sample s = scanOfCubeSphere(3, 0.25);
   const std::string two = "\"children\":[1,2]},{\"mesh\":0},{\"mesh\":0,\"translation\":[2,0,0]";
   const LoadedMesh m = mustRead(saveFile("a.glb", glbFile(s, "", two)));
   EXPECT_EQ(m.diagnosis.pieces, 2u);
@@ -228,7 +228,7 @@ TEST(MeshGltf, InterleavedElementsEndWithTheLastOne) {
 }
 
 TEST(MeshGltf, ColoursAreLinearLightTimesTheMaterials) {
-  Sample s = cubeSphere(3, 0.25);
+  Sample s = scanOfCubeSphere(3, 0.25);
   decorate(s, 5);
   s.corner_uv.clear();
   const std::string tint = ",\"materials\":[{\"pbrMetallicRoughness\":{\"baseColorFactor\":[0.5,1,0.25,1]}}]";
@@ -351,7 +351,7 @@ TEST(MeshGltf, TheImageOfMostTrianglesIsUsedAndTheOthersAreFindings) {
 }
 
 TEST(MeshGltf, TheSceneThatIsNamedIsShownOrAllRootsWithoutOne) {
-  const Sample s = cubeSphere(2, 0.25);
+  const Sample s = scanOfCubeSphere(2, 0.25);
   const std::string nodes = "\"children\":[1]},{\"mesh\":0},{\"mesh\":0,\"scale\":[2,2,2]";
   const std::string text = gltfFile(s, "", nodes), scenes = "\"scene\":0,\"scenes\":[{\"nodes\":[0]}]";
   const auto width = [&](const std::string& instead) {
@@ -368,13 +368,13 @@ TEST(MeshGltf, TheSceneThatIsNamedIsShownOrAllRootsWithoutOne) {
 
 TEST(MeshGltf, AnInterruptionIsSeen) {
   const std::atomic<bool> stop = true;
-  const auto read = readMesh(saveFile("a.glb", glbFile(cubeSphere(4, 0.25))), {.interrupted = &stop});
+  const auto read = readMesh(saveFile("a.glb", glbFile(scanOfCubeSphere(4, 0.25))), {.interrupted = &stop});
   ASSERT_FALSE(read.ok());
   EXPECT_EQ(read.error().kind, ErrorKind::kInterrupted);
 }
 
 TEST(MeshGltf, WhatIsNotReadIsRefusedByItsName) {
-  const Sample s = cubeSphere(2, 0.25);
+  const Sample s = scanOfCubeSphere(2, 0.25);
   const std::string good = gltfFile(s);
   struct Case {
     std::string text;
@@ -444,7 +444,7 @@ TEST(MeshGltf, WhatIsNotReadIsRefusedByItsName) {
 // ---- other formats: units, colours of faces, turning ----
 
 TEST(MeshUnits, CommentsStateThemAndOthersAreMillimetres) {
-  const Sample s = cubeSphere(2, 3);
+  const Sample s = scanOfCubeSphere(2, 3);
   const auto width = [&](const std::string& path) {
     const LoadedMesh m = mustRead(path);
     EXPECT_NEAR(m.diagnosis.max_mm.x - m.diagnosis.min_mm.x, 6 * m.mm_per_unit, 1e-3);
@@ -463,7 +463,7 @@ TEST(MeshUnits, CommentsStateThemAndOthersAreMillimetres) {
 }
 
 TEST(MeshTurns, UpAndRotateAreExactInQuartersAndKeepTheShape) {
-  const Sample s = cubeSphere(3, 0.25);
+  const Sample s = scanOfCubeSphere(3, 0.25);
   const std::string path = saveFile("a.ply", plyFile(s, {.coordinate = "double"}));
   const auto turned = [&](char up, glm::dvec3 degrees, const std::function<glm::dvec3(glm::dvec3)>& moved) {
     const LoadedMesh m = mustRead(path, {.turn = turnOf(up, degrees)});

@@ -113,7 +113,7 @@ void expectSame(const LoadedMesh& loaded, const Sample& s, bool colours, bool uv
 }
 
 TEST(MeshFormats, PlyInEveryEncodingAndType) {
-  Sample plain = cubeSphere(5), full = plain;
+  Sample plain = scanOfCubeSphere(5), full = plain;
   decorate(full, 7);
   Sample coarse = plain;  // for types that hold whole numbers, and not many of them
   for (auto& p : coarse.positions) p = glm::round(p);
@@ -173,7 +173,7 @@ TEST(MeshFormats, PlyStrips) {
 }
 
 TEST(MeshFormats, ObjWithMaterials) {
-  Sample s = cubeSphere(4);
+  Sample s = scanOfCubeSphere(4);
   decorate(s, 11);
   saveFile(
       "test.mtl",
@@ -183,7 +183,7 @@ TEST(MeshFormats, ObjWithMaterials) {
     expectSame(m, s, true, true);
     EXPECT_EQ(m.mesh.texture_path, (meshFolder() / "sub dir/my image.png").string());
   }
-  Sample plain = cubeSphere(4);
+  Sample plain = scanOfCubeSphere(4);
   saveFile("test.mtl", "newmtl surface\nKd 1 1 1\n");
   expectSame(mustRead(saveFile("a.obj", objFile(plain))), plain, false, false);
   // An image, but no texture coordinates.
@@ -335,7 +335,7 @@ TEST(MeshFormats, TextureCoordinatesOutsideTheImage) {
 }
 
 TEST(MeshFormats, Off) {
-  Sample plain = cubeSphere(4), coloured = plain;
+  Sample plain = scanOfCubeSphere(4), coloured = plain;
   decorate(coloured, 5);
   coloured.corner_uv.clear();
   for (bool binary : {false, true}) {
@@ -352,7 +352,7 @@ TEST(MeshFormats, Off) {
 
 // Every number behind the header's line turned around, as a program writes it that does not turn them.
 TEST(MeshFormats, OffInLittleEndianOrder) {
-  const Sample plain = cubeSphere(4);
+  const Sample plain = scanOfCubeSphere(4);
   auto bytes = offFile(plain, true);
   size_t at = 0;
   while (bytes[at] != '\n') ++at;
@@ -411,7 +411,7 @@ TEST(MeshFormats, MaterialFilesLieInTheMeshsFolder) {
 }
 
 TEST(MeshFormats, Stl) {
-  Sample s = cubeSphere(4);
+  Sample s = scanOfCubeSphere(4);
   for (bool binary : {false, true}) {
     LoadedMesh m = mustRead(saveFile("a.stl", stlFile(s, binary)));
     EXPECT_EQ(m.diagnosis.vertices_read, 3 * s.triangles.size());
@@ -462,7 +462,7 @@ TEST(MeshFormats, PolygonsAreCutByEars) {
 TEST(MeshFormats, LargeCoordinatesKeepTheirDetail) {
   // A coin of 24 mm whose place is told to 0.0625 um in a system 12 km away.
   const glm::dvec3 far(12345678.125, -9876543.5, 10000000);
-  Sample s = cubeSphere(6, 12, far);
+  Sample s = scanOfCubeSphere(6, 12, far);
   struct File {
     const char* name;
     std::string bytes;
@@ -498,12 +498,12 @@ TEST(MeshFormats, LargeCoordinatesKeepTheirDetail) {
     EXPECT_GT(off, 0.2);
   }
   // A mesh around 0 keeps its very floats.
-  Sample near = cubeSphere(3, 0.3);
+  Sample near = scanOfCubeSphere(3, 0.3);
   EXPECT_EQ(mustRead(saveFile("near.ply", plyFile(near, {}))).mesh.origin_mm, glm::dvec3(0));
 }
 
 TEST(MeshFormats, Units) {
-  Sample s = cubeSphere(3, 2);
+  Sample s = scanOfCubeSphere(3, 2);
   LoadedMesh m = mustRead(saveFile("a.ply", plyFile(s, {})), {.mm_per_unit = 25.4});
   for (size_t i = 0; i < s.positions.size(); ++i)
     EXPECT_LT(glm::length(glm::dvec3(m.mesh.positions_mm[i]) + m.mesh.origin_mm - 25.4 * s.positions[i]), 1e-5);
@@ -516,7 +516,7 @@ TEST(MeshFormats, Units) {
 }
 
 TEST(MeshFormats, FilesOfOpenMesh) {
-  Sample s = cubeSphere(5);
+  Sample s = scanOfCubeSphere(5);
   decorate(s, 17);
   HalfEdges h;
   h.request_vertex_colors();
@@ -583,7 +583,7 @@ TEST(MeshRefusals, SayWhatIsWrongAndWhere) {
     expectRefused(saveFile("a.off", std::string("OFF\n3 1 0\n") + bad + " 0 0\n1 0 0\n0 1 0\n3 0 1 2\n"), invalid,
                   "vertex 0 (from 0): expected x");
   }
-  Sample s = cubeSphere(2), nan = s;
+  Sample s = scanOfCubeSphere(2), nan = s;
   nan.positions[4].z = std::nan("");
   expectRefused(saveFile("a.ply", plyFile(nan, {})), invalid, "vertex 4 (from 0): expected z to be a finite number");
   expectRefused(saveFile("a.stl", stlFile(nan, true)), invalid, "expected finite coordinates");
@@ -650,7 +650,7 @@ TEST(MeshRefusals, CountsAreCheckedBeforeAnythingIsAllocated) {
 
 TEST(MeshRefusals, Interrupted) {
   std::atomic<bool> stop{true};
-  auto read = readMesh(saveFile("a.ply", plyFile(cubeSphere(3), {})), {.interrupted = &stop});
+  auto read = readMesh(saveFile("a.ply", plyFile(scanOfCubeSphere(3), {})), {.interrupted = &stop});
   ASSERT_FALSE(read.ok());
   EXPECT_EQ(read.error().kind, ErrorKind::kInterrupted);
   // Between any two reports of progress, too.
@@ -658,14 +658,14 @@ TEST(MeshRefusals, Interrupted) {
     int left = steps;
     stop = false;
     double last = 0;
-    auto again = readMesh(saveFile("a.ply", plyFile(cubeSphere(3), {})), {.progress =
-                                                                              [&](double done) {
-                                                                                EXPECT_GE(done, last);
-                                                                                EXPECT_LE(done, 1);
-                                                                                last = done;
-                                                                                if (--left == 0) stop = true;
-                                                                              },
-                                                                          .interrupted = &stop});
+    auto again = readMesh(saveFile("a.ply", plyFile(scanOfCubeSphere(3), {})), {.progress =
+                                                                                    [&](double done) {
+                                                                                      EXPECT_GE(done, last);
+                                                                                      EXPECT_LE(done, 1);
+                                                                                      last = done;
+                                                                                      if (--left == 0) stop = true;
+                                                                                    },
+                                                                                .interrupted = &stop});
     if (again.ok()) {
       EXPECT_EQ(last, 1);
       EXPECT_GT(steps, 3);
@@ -678,7 +678,7 @@ TEST(MeshRefusals, Interrupted) {
 
 // Within the long steps, too: they end where they are, and say so.
 TEST(MeshRefusals, InterruptedWithinAStep) {
-  TriMesh mesh = mustRead(saveFile("a.ply", plyFile(cubeSphere(20), {}))).mesh;
+  TriMesh mesh = mustRead(saveFile("a.ply", plyFile(scanOfCubeSphere(20), {}))).mesh;
   std::swap(mesh.triangles[7][0], mesh.triangles[7][1]);  // something to turn
   const auto before = mesh.triangles;
   const std::atomic<bool> stop{true}, go_on{false};
@@ -704,7 +704,7 @@ TEST(MeshRefusals, InterruptedWithinAStep) {
 // ---- repairs ----
 
 TEST(MeshRepairs, ASoundMeshStaysAsItIs) {
-  for (const Sample& s : {cubeSphere(6), sheet(5, 4)}) {
+  for (const Sample& s : {scanOfCubeSphere(6), sheet(5, 4)}) {
     TriMesh m = toMesh(s);
     LoadedMesh r = mustRepair(m);
     EXPECT_EQ(defects(r.diagnosis), "");
@@ -715,7 +715,7 @@ TEST(MeshRepairs, ASoundMeshStaysAsItIs) {
 }
 
 TEST(MeshRepairs, DuplicateVerticesAreWelded) {
-  Sample s = cubeSphere(5), loose;
+  Sample s = scanOfCubeSphere(5), loose;
   for (const auto& t : s.triangles)
     for (uint32_t v : t) {
       if (v % 3 == 0) loose.positions.push_back(s.positions[v] + glm::dvec3(-0.0));
@@ -739,7 +739,7 @@ TEST(MeshRepairs, DuplicateVerticesAreWelded) {
 }
 
 TEST(MeshRepairs, DegenerateAndDuplicateTrianglesAreDropped) {
-  Sample s = cubeSphere(3);
+  Sample s = scanOfCubeSphere(3);
   size_t sound = s.triangles.size();
   s.triangles.push_back({0, 0, 1});
   s.triangles.push_back({2, 2, 2});
@@ -766,7 +766,7 @@ TEST(MeshRepairs, FlippedTrianglesTurnAsTheirPiece) {
   for (uint32_t seed = 1; seed <= 20; ++seed) {
     SCOPED_TRACE(seed);
     std::mt19937 random(seed);
-    Sample s = seed % 2 ? cubeSphere(6) : sheet(7, 5);
+    Sample s = seed % 2 ? scanOfCubeSphere(6) : sheet(7, 5);
     decorate(s, seed);
     TriMesh m = toMesh(s);
     size_t flipped = 0;
@@ -795,7 +795,7 @@ TEST(MeshRepairs, FlippedTrianglesTurnAsTheirPiece) {
 }
 
 TEST(MeshRepairs, ClosedPiecesFaceOutwards) {
-  Sample s = cubeSphere(4, 10, {100, 0, 0}), other = cubeSphere(4, 10, {-100, 0, 0});
+  Sample s = scanOfCubeSphere(4, 10, {100, 0, 0}), other = scanOfCubeSphere(4, 10, {-100, 0, 0});
   for (auto& t : s.triangles) std::swap(t[1], t[2]);
   append(s, other);
   LoadedMesh r = mustRepair(toMesh(s));
@@ -1042,7 +1042,7 @@ TEST(MeshRepairs, AClosedSurfaceWithAZeroAreaTriangleIsClosedAfterwards) {
 }
 
 TEST(MeshRepairs, BordersAndPiecesAreCounted) {
-  Sample s = cubeSphere(6);
+  Sample s = scanOfCubeSphere(6);
   // Two holes of a triangle each, far apart.
   s.triangles.erase(s.triangles.begin() + 100);
   s.triangles.erase(s.triangles.begin() + 10);
@@ -1065,7 +1065,7 @@ TEST(MeshRepairs, BordersAndPiecesAreCounted) {
 // Scans carry dust: a body, and as many single triangles of that area each.
 TEST(MeshRepairs, TheSmallestOfManyPiecesAreDroppedAndTheirAreaIsSaid) {
   const auto dusty = [](size_t pieces, float side) {
-    Sample s = cubeSphere(12);
+    Sample s = scanOfCubeSphere(12);
     for (size_t k = 0; k < pieces; ++k) {
       const float x = 2000.0f + 10.0f * static_cast<float>(k);
       append(s, {{{x, 0, 0}, {x + side, 0, 0}, {x, side, 0}}, {{0, 1, 2}}, {}, {}});
@@ -1145,7 +1145,7 @@ TEST(MeshRepairs, AllDefectsAtOnce) {
   for (uint32_t seed = 1; seed <= 30; ++seed) {
     SCOPED_TRACE(seed);
     std::mt19937 random(seed);
-    const Sample sound = cubeSphere(8);
+    const Sample sound = scanOfCubeSphere(8);
     const TriMesh truth = toMesh(sound);
     Sample s = sound;
     // The middle of an edge on one side of it only. Each triangle at most once, and not where its neighbour was cut.
@@ -1233,7 +1233,7 @@ TEST(MeshRepairs, AnyNumberOfWorkersFindsTheSame) {
     std::mt19937 random(seed);
     Sample s;
     if (seed % 4 == 0) {
-      s = cubeSphere(seed == 40 ? 40 : 1 + static_cast<int>(seed) / 4);
+      s = scanOfCubeSphere(seed == 40 ? 40 : 1 + static_cast<int>(seed) / 4);
       if (seed % 8 == 0) std::swap(s.triangles[0][0], s.triangles[0][1]);
     } else {
       const uint32_t vertices = 4 + pick(random, 300), triangles = 1 + pick(random, 4 * vertices),
@@ -1264,7 +1264,7 @@ TEST(MeshRepairs, AnyNumberOfWorkersFindsTheSame) {
 // Whoever looks for some vertices sees all triangles that name one of them, in order, and not all others.
 TEST(TriangleBlocks, PassOverWhatNamesNoneOfTheVertices) {
   for (bool shuffled : {false, true}) {
-    Sample s = cubeSphere(40);
+    Sample s = scanOfCubeSphere(40);
     std::mt19937 random(7);
     if (shuffled) std::shuffle(s.triangles.begin(), s.triangles.end(), random);
     const TriangleBlocks blocks(s.triangles, 2);

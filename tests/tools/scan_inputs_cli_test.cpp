@@ -31,7 +31,7 @@ class ScanInputs : public Cli {
 
 // A slab of 40 x 30 x 20 in the file's units, waves on top.
 test::Sample slab() {
-  test::Sample s = test::cubeSphere(12, 1);
+  test::Sample s = test::scanOfCubeSphere(12, 1);
   for (glm::dvec3& p : s.positions) {
     p /= std::max({std::abs(p.x), std::abs(p.y), std::abs(p.z)});
     p *= glm::dvec3(20, 15, 10);

@@ -13,7 +13,7 @@
 namespace relievo {
 namespace {
 
-constexpr int kSide = kReliefSamples, kCells = kPagePx, kLevels = kPageCellsLog2;
+constexpr int kCells = kPagePx, kLevels = kPageCellsLog2;
 constexpr int kRow = static_cast<int>(ReliefCodeScratch::kRow), kMargin = static_cast<int>(ReliefCodeScratch::kMargin);
 constexpr int kBlockCells = 8;  // of a level's coarser grid, a side of a block that may be all zero
 constexpr int kBuckets = 24, kClasses = 18, kMostSize = 2047;
@@ -245,9 +245,9 @@ class PageCode : Pass<Coder> {
       }
     }
     if constexpr (!kEncodes)
-      for (int y = 0; y < kSide; ++y)
-        for (int x = 0; x < kSide; ++x)
-          samples[static_cast<size_t>(y * kSide + x)] = static_cast<uint16_t>(this->h_[at(x, y)]);
+      for (int y = 0; y < kReliefSamples; ++y)
+        for (int x = 0; x < kReliefSamples; ++x)
+          samples[static_cast<size_t>(y * kReliefSamples + x)] = static_cast<uint16_t>(this->h_[at(x, y)]);
   }
 
  private:
@@ -267,7 +267,7 @@ class PageCode : Pass<Coder> {
     int first = 0;
     for (int k = 0; k < 4; ++k) {
       int32_t& h = this->h_[at(k & 1, k >> 1)];
-      if constexpr (kEncodes) h = samples[static_cast<size_t>((k >> 1) * kCells * kSide + (k & 1) * kCells)];
+      if constexpr (kEncodes) h = samples[static_cast<size_t>((k >> 1) * kCells * kReliefSamples + (k & 1) * kCells)];
       if (k == 0) {
         first = h = static_cast<int32_t>(this->coder_.plain(static_cast<uint32_t>(h), 16));
         continue;
@@ -289,7 +289,8 @@ class PageCode : Pass<Coder> {
   void load(int n, std::span<const uint16_t> samples) {
     const int step = kCells / n;
     for (int y = 0; y <= n; ++y)
-      for (int x = 0; x <= n; ++x) this->h_[at(x, y)] = samples[static_cast<size_t>(y * step * kSide + x * step)];
+      for (int x = 0; x <= n; ++x)
+        this->h_[at(x, y)] = samples[static_cast<size_t>(y * step * kReliefSamples + x * step)];
   }
 
   template <Prediction kHow>
@@ -355,7 +356,7 @@ class PageCode : Pass<Coder> {
 // The samples' residuals by the lattice's rule: what they have in common, and the finest level that has any.
 Head headOf(std::span<const uint16_t> samples, ReliefCodeScratch& s) {
   Head head;
-  auto sample = [&](int x, int y) { return static_cast<int>(samples[static_cast<size_t>(y * kSide + x)]); };
+  auto sample = [&](int x, int y) { return static_cast<int>(samples[static_cast<size_t>(y * kReliefSamples + x)]); };
   std::array<int, kLevels> common{};
   for (int level = 0; level < kLevels; ++level) {
     const int n = 2 << level, h = kCells / n;
@@ -405,7 +406,7 @@ Head headOf(std::span<const uint16_t> samples, ReliefCodeScratch& s) {
 }  // namespace
 
 void encodeReliefCode(std::span<const uint16_t> samples, ReliefCodeScratch& scratch, std::vector<uint8_t>& out) {
-  assert(samples.size() == size_t{kSide} * kSide);
+  assert(samples.size() == size_t{kReliefSamples} * kReliefSamples);
   Head head = headOf(samples, scratch);
   EncodingCoder coder{RangeEncoder(out)};
   PageCode<EncodingCoder>(coder, scratch).run(head, samples);
@@ -413,7 +414,7 @@ void encodeReliefCode(std::span<const uint16_t> samples, ReliefCodeScratch& scra
 }
 
 bool decodeReliefCode(std::span<const uint8_t> bytes, ReliefCodeScratch& scratch, std::span<uint16_t> samples) {
-  assert(samples.size() == size_t{kSide} * kSide);
+  assert(samples.size() == size_t{kReliefSamples} * kReliefSamples);
   DecodingCoder coder{RangeDecoder(bytes)};
   Head head;
   PageCode<DecodingCoder>(coder, scratch).run(head, samples);
