@@ -11,6 +11,7 @@
 
 #include "package_fixture.h"
 #include "src/base/file.h"
+#include "tests/view_share.h"
 #include "texturing/package/package_builder.h"
 
 namespace relievo {
@@ -302,7 +303,9 @@ TEST_F(Checkpoint, DamageNeverMakesAnotherPackage) {
       flipped[first_page / 2] = on;  // filled in again
       cut = {{0, damaged}, {first_page - 1, damaged}, {pages_end - 1, damaged}, {pages_end, on}};
     }
+    size_t tried = 0;
     for (const auto& [at, note] : flipped) {
+      if (test::kSanitized && ++tried % 2 == 0) continue;
       std::string other = bytes;
       other[at] = static_cast<char>(other[at] ^ 0x20);
       expectAfter(name, other, "byte " + std::to_string(at), note);

@@ -30,7 +30,7 @@ class ExportCli : public Cli {
   }
   void makeFlat(int side = 300) const {
     const std::string size = std::to_string(side) + "x" + std::to_string(side);
-    const Outcome made = relievo("sample coin --size " + size + " -o " + file("s") + " --package " + file("a.relievo"));
+    const Outcome made = relievo("sample coin --size " + size + " --package " + file("a.relievo"));
     ASSERT_EQ(made.exit_code, 0) << made.output;
   }
 };
@@ -447,7 +447,7 @@ TEST_F(ExportCli, LinesAreDrawnOrListedAndRefusedInOneSentence) {
   EXPECT_EQ(r.exit_code, 1);
   EXPECT_NE(r.output.find("ends in .svg or .csv"), std::string::npos) << r.output;
   r = run("ulimit -f 2; " RELIEVO_PROGRAM " export " + file("a.relievo") + " -o " + file("old.svg") +
-          " --contours 0.01");
+          " --contours 0.1");
   EXPECT_EQ(r.exit_code, 2) << r.output;
   EXPECT_EQ(get("old.svg"), "precious");
   EXPECT_EQ(filesNamed(".part-"), 0);
