@@ -24,31 +24,39 @@ inline bool longTests() {
   return node && std::string_view(node) == "1";
 }
 
-// Of n of them: a quarter, or all with RELIEVO_LONG_TESTS=1; at least one.
+// Of n of them: an eighth, or all with RELIEVO_LONG_TESTS=1; at least one.
 template <class Count>
 Count share(Count n) {
-  return std::max(Count{1}, kSanitized ? n / kViewShare : longTests() ? n : n / 4);
+  return std::max(Count{1}, kSanitized ? n / kViewShare : longTests() ? n : n / 8);
+}
+
+inline bool openGlEs() {
+  const char* api = std::getenv("RELIEVO_GL");
+  return api && std::string_view(api) == "es";
 }
 
 // Of n of them with OpenGL ES (RELIEVO_GL=es), whose contexts the same driver draws with the same shader bodies: a
 // quarter, or all with RELIEVO_LONG_TESTS=1. With OpenGL all.
 template <class Count>
 Count esShare(Count n) {
-  const char* api = std::getenv("RELIEVO_GL");
-  const bool es = api && std::string_view(api) == "es";
-  return es && !longTests() ? std::max(Count{1}, n / 4) : n;
+  return openGlEs() && !longTests() ? std::max(Count{1}, n / 4) : n;
 }
 
-// Of n random frames or views with OpenGL: a fifth, or all with RELIEVO_LONG_TESTS=1. With OpenGL ES a quarter of that.
+// Of n random frames or views with OpenGL: an eighth, or all with RELIEVO_LONG_TESTS=1. With OpenGL ES a quarter of
+// that.
 template <class Count>
 Count glShare(Count n) {
-  return esShare(longTests() ? n : std::max(Count{1}, n / 5));
+  return esShare(longTests() ? n : std::max(Count{1}, n / 8));
+}
+
+// Of n views whose every pixel is computed once more on the CPU: with OpenGL a half, with OpenGL ES an eighth, three at
+// least; all with RELIEVO_LONG_TESTS=1.
+inline int denseShare(int n) {
+  if (longTests()) return n;
+  return std::min(n, std::max(3, openGlEs() ? n / 8 : n / 2));
 }
 
 // Negative controls show that a test's own code can fail: with OpenGL ES they would show it again.
-inline bool controlledWithOpenGl() {
-  const char* api = std::getenv("RELIEVO_GL");
-  return api && std::string_view(api) == "es" && !longTests();
-}
+inline bool controlledWithOpenGl() { return openGlEs() && !longTests(); }
 
 }  // namespace relievo::test

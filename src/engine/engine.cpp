@@ -873,7 +873,8 @@ Result<void> Engine::settle(double timeout_s) {
         break;
       }
       if (e.lod_bias != bias && step >= 16) break;
-      if (e.streamer->stats().queued + e.streamer->stats().decoding > 0) pause();
+      // Nothing to upload: pages are on their way, or are read again later.
+      if (e.streamer->stats().ready == 0) pause();
     }
   }
   if (interrupted()) return Error{ErrorKind::kInterrupted, "", "interrupted", "", {}};

@@ -21,6 +21,7 @@ namespace relievo {
 namespace base_domain_test {
 
 using test::kSanitized;
+using test::longTests;
 constexpr double kDegrees = std::numbers::pi / 180;
 
 BaseMesh baseOf(const TriMesh& mesh, uint32_t patches = 0) {
@@ -400,8 +401,10 @@ TEST(BaseDomainControl, BrokenBasesFailTheChecks) {
 }
 
 TEST(BaseDomain, AboutAsManyPatchesAsAskedFor) {
+  std::vector<uint32_t> numbers{30, 100, 1000};
+  if (longTests()) numbers = {30, 64, 100, 300, 1000, 4000};
   for (const TriMesh& scan : {ballMesh(40), wavySheet(80), bustMesh(40)}) {
-    for (uint32_t patches : {30u, 64u, 100u, 300u, 1000u, 4000u}) {
+    for (uint32_t patches : numbers) {
       if (kSanitized && patches > 100) continue;
       const BaseMesh base = baseOf(scan, patches);
       EXPECT_GE(base.patches.size(), 0.7 * patches);
@@ -852,7 +855,7 @@ TEST(ReduceByChunks, RefusesWhatIsNoMesh) {
 
 // Rough, torn and scattered scans: whatever comes out is sound and of the scan's topology.
 TEST(BaseDomain, RandomScans) {
-  for (unsigned seed = 1; seed <= (kSanitized ? 4 : 24); ++seed) {
+  for (unsigned seed = 1; seed <= (kSanitized ? 4 : longTests() ? 24 : 12); ++seed) {
     SCOPED_TRACE("seed " + std::to_string(seed));
     std::mt19937 random(seed);
     auto between = [&](double a, double b) { return std::uniform_real_distribution<double>(a, b)(random); };

@@ -37,22 +37,57 @@ double squaredDistance(const glm::dvec3& p, const glm::dvec3& a, const glm::dvec
   return std::min({toSegment(a, b), toSegment(b, c), toSegment(c, a)});
 }
 
+// All triangles, one after the other, but for those whose ball, or whose neighbours' ball, is farther than the nearest
+// one so far.
+class Triangles {
+ public:
+  explicit Triangles(const TriMesh& mesh) : mesh_(mesh) {
+    for (size_t t = 0; t < mesh.triangles.size(); ++t) {
+      const glm::dvec3 a = corner(t, 0), b = corner(t, 1), c = corner(t, 2), centre = (a + b + c) / 3.0;
+      balls_.push_back({centre, std::max({glm::length(a - centre), glm::length(b - centre), glm::length(c - centre)})});
+    }
+    for (size_t first = 0; first < balls_.size(); first += kGroup) {
+      Ball group{balls_[first].centre, 0};
+      for (size_t t = first; t < std::min(first + kGroup, balls_.size()); ++t)
+        group.radius = std::max(group.radius, glm::length(balls_[t].centre - group.centre) + balls_[t].radius);
+      groups_.push_back(group);
+    }
+  }
+  double squaredDistanceTo(const glm::dvec3& p) const {
+    double best = 1e300, reach = 1e150;
+    const auto beyond = [&](const Ball& ball) {
+      const glm::dvec3 d = p - ball.centre;
+      const double far = ball.radius + reach;
+      return glm::dot(d, d) >= far * far;
+    };
+    for (size_t g = 0; g < groups_.size(); ++g) {
+      if (beyond(groups_[g])) continue;
+      for (size_t t = g * kGroup; t < std::min((g + 1) * kGroup, balls_.size()); ++t) {
+        if (beyond(balls_[t])) continue;
+        best = std::min(best, squaredDistance(p, corner(t, 0), corner(t, 1), corner(t, 2)));
+        reach = std::sqrt(best);
+      }
+    }
+    return best;
+  }
+
+ private:
+  struct Ball {
+    glm::dvec3 centre;
+    double radius;
+  };
+  static constexpr size_t kGroup = 64;
+  glm::dvec3 corner(size_t t, size_t k) const { return mesh_.positions_mm[mesh_.triangles[t][k]]; }
+  const TriMesh& mesh_;
+  std::vector<Ball> balls_, groups_;
+};
+
 struct Way {
   double rms = 0, largest = 0;  // in diagonals
 };
 // `count` places, spread evenly over the area.
 Way measured(const TriMesh& from, const TriMesh& to, const glm::dvec3& shift, double diagonal, size_t count) {
-  struct Ball {
-    glm::dvec3 a, b, c, centre;
-    double radius;
-  };
-  std::vector<Ball> balls;
-  for (const auto& t : to.triangles) {
-    const glm::dvec3 a(to.positions_mm[t[0]]), b(to.positions_mm[t[1]]), c(to.positions_mm[t[2]]),
-        centre = (a + b + c) / 3.0;
-    balls.push_back(
-        {a, b, c, centre, std::max({glm::length(a - centre), glm::length(b - centre), glm::length(c - centre)})});
-  }
+  const Triangles surface(to);
   std::vector<double> area{0};
   for (const auto& t : from.triangles) {
     const glm::dvec3 a(from.positions_mm[t[0]]), b(from.positions_mm[t[1]]), c(from.positions_mm[t[2]]);
@@ -69,12 +104,7 @@ Way measured(const TriMesh& from, const TriMesh& to, const glm::dvec3& shift, do
     if (u + v > 1) u = 1 - u, v = 1 - v;
     const glm::dvec3 a(from.positions_mm[t[0]]), b(from.positions_mm[t[1]]), c(from.positions_mm[t[2]]),
         p = a + u * (b - a) + v * (c - a) + shift;
-    double best = 1e300;
-    for (const Ball& s : balls) {
-      const double gap = glm::length(p - s.centre) - s.radius;
-      if (gap > 0 && gap * gap >= best) continue;
-      best = std::min(best, squaredDistance(p, s.a, s.b, s.c));
-    }
+    const double best = surface.squaredDistanceTo(p);
     squares += best;
     way.largest = std::max(way.largest, std::sqrt(best) / diagonal);
   }

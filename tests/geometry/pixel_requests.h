@@ -2,6 +2,7 @@
 // nodes, tiles or matrices but the view's. The oracle of page requests, on the CPU and by feedback.
 #pragma once
 
+#include <array>
 #include <cmath>
 #include <optional>
 #include <set>
@@ -132,15 +133,16 @@ struct PixelLevel {
 inline PixelLevel pixelLevel(const FlatDomain& d, const TextureView& v, const Rays& rays, int x, int y) {
   PixelLevel level;
   bool first = true;
+  std::array<TextureView, 3> within_slack{v, v, v};
+  within_slack[1].lod_bias -= kLodSlack;
+  within_slack[2].lod_bias += kLodSlack;
   // The corners may lie off the artwork where places nearer to the centre do not.
   for (glm::dvec2 off : {glm::dvec2(0, 0), glm::dvec2(-1, -1), glm::dvec2(1, -1), glm::dvec2(-1, 1), glm::dvec2(1, 1),
                          glm::dvec2(-0.5, 0), glm::dvec2(0.5, 0), glm::dvec2(0, -0.5), glm::dvec2(0, 0.5)}) {
     auto f = rays.footprint(d, x + 0.5 + off.x * kPixelSlack, y + 0.5 + off.y * kPixelSlack, glm::dvec3(0),
                             glm::dvec3(0, 0, 1));
     std::optional<NodeId> last;
-    for (double slack : {0.0, -kLodSlack, kLodSlack}) {
-      TextureView shifted = v;
-      shifted.lod_bias += slack;
+    for (const TextureView& shifted : within_slack) {
       std::optional<NodeId> node = f ? nodeAt(d, f->texel, levelOf(d, shifted, *f)) : std::nullopt;
       if (first) level.exact = node;
       first = false;

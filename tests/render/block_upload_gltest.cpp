@@ -10,6 +10,7 @@
 #include <cstdlib>
 #include <cstring>
 #include <functional>
+#include <map>
 #include <set>
 #include <utility>
 
@@ -36,13 +37,19 @@ constexpr std::array kCodecs{PageCodec::kBc1, PageCodec::kBc4, PageCodec::kBc5, 
 
 std::optional<std::string> missing(PageCodec codec) { return missingBlockExtension(codec, gltest::api()); }
 
-std::shared_ptr<const Package> blockPackage(const test::TemporaryFolder& folder, int64_t w, int64_t h, Basis basis,
-                                            PageEncoding coefficients, PageEncoding colour, double range_mm = 12) {
+// Built once a program.
+std::shared_ptr<const Package> blockPackage(int64_t w, int64_t h, Basis basis, PageEncoding coefficients,
+                                            PageEncoding colour, double range_mm = 12) {
+  static const test::TemporaryFolder folder;
+  static std::map<std::string, std::shared_ptr<const Package>> all;
+  const std::string name = std::to_string(w) + "x" + std::to_string(h) + "-" + basisName(basis) + "-" +
+                           encodingName(coefficients) + "-" + encodingName(colour) +
+                           (range_mm > 0 ? ".relievo" : "-flat.relievo");
+  if (all[name]) return all[name];
   test::NoiseTexture texture(w, h, basis, 5);
   test::NoiseHeight heights(w, h, std::max(1.0, range_mm), 105);
   BuildOptions options;
-  options.output = folder.file(std::string(basisName(basis)) + "-" + encodingName(coefficients) + "-" +
-                               encodingName(colour) + ".relievo");
+  options.output = folder.file(name);
   options.mm_per_px = 0.1;
   options.coefficients = coefficients;
   options.colour = colour;
@@ -50,7 +57,8 @@ std::shared_ptr<const Package> blockPackage(const test::TemporaryFolder& folder,
   EXPECT_TRUE(built.ok()) << (built.ok() ? "" : built.error().text());
   auto package = Package::open(options.output);
   EXPECT_TRUE(package.ok());
-  return package.ok() ? *package : nullptr;
+  if (package.ok()) all[name] = *package;
+  return all[name];
 }
 
 OrbitCamera camera(double turn) {
@@ -97,7 +105,6 @@ class BlockUpload : public ::testing::Test {
     EXPECT_EQ(e.stats().detail_bias, 0) << "the cache is too small for this test";
     return e.readPixels();
   }
-  test::TemporaryFolder folder_;
 };
 
 std::vector<Scene> everyFilter() {
@@ -127,7 +134,7 @@ TEST_F(BlockUpload, ThePictureIsThatOfRgba8) {
       std::printf("[ blocks ] %s\n", missing(codec)->c_str());
       continue;
     }
-    auto package = blockPackage(folder_, 601, 333, Basis::kColour, {codec, 0}, {codec, 0});
+    auto package = blockPackage(601, 333, Basis::kColour, {codec, 0}, {codec, 0});
     ASSERT_TRUE(package);
     int worst_exact = 0, worst_fast = 0;
     size_t pixels = 0;
@@ -162,7 +169,7 @@ TEST_F(BlockUpload, RelitPtmsAgree) {
   int compared = 0;
   for (PageCodec codec : kCodecs) {
     if (missing(codec)) continue;
-    auto package = blockPackage(folder_, 500, 300, Basis::kPtmLrgb, {codec, 0}, {codec, 0});
+    auto package = blockPackage(500, 300, Basis::kPtmLrgb, {codec, 0}, {codec, 0});
     ASSERT_TRUE(package);
     Scene scene;
     scene.light = {0.4, -0.3, 0.8};
@@ -189,7 +196,7 @@ TEST_F(BlockUpload, RelitPtmsAgree) {
 // Six planes: two textures of page table entries.
 TEST_F(BlockUpload, SixPlanesAgree) {
   if (missing(PageCodec::kBc7)) GTEST_SKIP() << *missing(PageCodec::kBc7);
-  auto package = blockPackage(folder_, 300, 200, Basis::kPtmRgb, {PageCodec::kBc7, 0}, {PageCodec::kBc7, 0});
+  auto package = blockPackage(300, 200, Basis::kPtmRgb, {PageCodec::kBc7, 0}, {PageCodec::kBc7, 0});
   ASSERT_TRUE(package);
   Scene scene;
   scene.light = {0.2, 0.5, 0.8};
@@ -229,7 +236,7 @@ TEST_F(BlockUpload, TheComparisonSeesWrongBlocks) {
   int compared = 0;
   for (PageCodec codec : kCodecs) {
     if (missing(codec)) continue;
-    auto package = blockPackage(folder_, 601, 333, Basis::kColour, {codec, 0}, {codec, 0});
+    auto package = blockPackage(601, 333, Basis::kColour, {codec, 0}, {codec, 0});
     ASSERT_TRUE(package);
     const Scene scene;
     const OrbitCamera view = everyDistance()[1];
@@ -393,7 +400,7 @@ TEST_F(BlockUpload, AGrowingPoolKeepsItsTexels) {
 TEST_F(BlockUpload, UnderPressureTheBudgetHoldsAndThePictureComesBack) {
   constexpr PageCodec kCodec = PageCodec::kBc1;
   if (missing(kCodec)) GTEST_SKIP() << *missing(kCodec);
-  auto package = blockPackage(folder_, 1601, 801, Basis::kPtmLrgb, {kCodec, 0}, {kCodec, 0});
+  auto package = blockPackage(1601, 801, Basis::kPtmLrgb, {kCodec, 0}, {kCodec, 0});
   ASSERT_TRUE(package);
   const Scene scene;
   OrbitCamera far = camera(1);
@@ -408,7 +415,7 @@ TEST_F(BlockUpload, UnderPressureTheBudgetHoldsAndThePictureComesBack) {
   const uint64_t rounding = kSlotsPerLayer * (kSlotBytes + pageBlockBytes(kCodec));  // of textures, to whole layers
   double highest_bias = 0;
   // At least so many frames; a fast GPU draws more of them while pages come in.
-  for (int i = 0; i < 150 || (e->stats().streamer.evictions <= 50 && i < 50'000); ++i) {
+  for (int i = 0; i < test::glShare(150) || (e->stats().streamer.evictions <= 50 && i < 50'000); ++i) {
     OrbitCamera c = camera(i * 0.05);
     c.distance_mm = i % 50 < 25 ? 40 : 120;
     e->setCamera(c);
@@ -428,7 +435,7 @@ TEST_F(BlockUpload, UnderPressureTheBudgetHoldsAndThePictureComesBack) {
 TEST_F(BlockUpload, FaultsLeaveNoTraceOrShowAncestors) {
   constexpr PageCodec kCodec = PageCodec::kBc7;
   if (missing(kCodec)) GTEST_SKIP() << *missing(kCodec);
-  auto package = blockPackage(folder_, 601, 333, Basis::kColour, {kCodec, 0}, {kCodec, 0});
+  auto package = blockPackage(601, 333, Basis::kColour, {kCodec, 0}, {kCodec, 0});
   ASSERT_TRUE(package);
   const OrbitCamera view = camera(0.8);
   const Scene scene;
@@ -461,7 +468,7 @@ class OtherCodec final : public PageSource {
 TEST_F(BlockUpload, PagesOfAnotherCodecAreDamaged) {
   constexpr PageCodec kCodec = PageCodec::kBc7;
   if (missing(kCodec)) GTEST_SKIP() << *missing(kCodec);
-  auto package = blockPackage(folder_, 601, 333, Basis::kColour, {kCodec, 0}, {kCodec, 0});
+  auto package = blockPackage(601, 333, Basis::kColour, {kCodec, 0}, {kCodec, 0});
   ASSERT_TRUE(package);
   auto e = makeEngine(package, Upload::kBlocks, {.relief = false}, std::make_shared<OtherCodec>(package));
   OrbitCamera near = camera(0.8);
@@ -500,7 +507,7 @@ TEST_F(BlockUpload, UnreadableRootsShowNeutralBlocks) {
   for (PageCodec codec : kCodecs) {
     if (missing(codec)) continue;
     for (Basis basis : {Basis::kColour, Basis::kPtmLrgb}) {
-      auto package = blockPackage(folder_, 200, 150, basis, {codec, 0}, {codec, 0}, 0);
+      auto package = blockPackage(200, 150, basis, {codec, 0}, {codec, 0}, 0);
       ASSERT_TRUE(package);
       Scene scene;
       scene.light = {0.5, 0.2, 0.8};
@@ -531,7 +538,7 @@ TEST_F(BlockUpload, UnreadableRootsShowNeutralBlocks) {
 TEST_F(BlockUpload, AFixedLightIsRgba8AndBack) {
   constexpr PageCodec kCodec = PageCodec::kBc7;
   if (missing(kCodec)) GTEST_SKIP() << *missing(kCodec);
-  auto package = blockPackage(folder_, 500, 300, Basis::kPtmLrgb, {kCodec, 0}, {kCodec, 0});
+  auto package = blockPackage(500, 300, Basis::kPtmLrgb, {kCodec, 0}, {kCodec, 0});
   ASSERT_TRUE(package);
   Scene relit, fixed;
   fixed.relight = false;
@@ -553,7 +560,7 @@ TEST_F(BlockUpload, AFixedLightIsRgba8AndBack) {
 TEST_F(BlockUpload, PackagesWithoutBlocksFallBackAndSayWhy) {
   for (auto [coefficients, colour] : {std::pair{PageEncoding{}, PageEncoding{}},
                                       {PageEncoding{PageCodec::kBc4, 0}, PageEncoding{PageCodec::kBc1, 0}}}) {
-    auto package = blockPackage(folder_, 200, 150, Basis::kPtmLrgb, coefficients, colour);
+    auto package = blockPackage(200, 150, Basis::kPtmLrgb, coefficients, colour);
     ASSERT_TRUE(package);
     auto e = makeEngine(package, Upload::kBlocks, {});
     auto rgba8 = makeEngine(package, Upload::kRgba8, {});
@@ -568,7 +575,7 @@ TEST_F(BlockUpload, PackagesWithoutBlocksFallBackAndSayWhy) {
 }
 
 TEST_F(BlockUpload, ColourLitByItsReliefIsNoBlocksAndSaysWhy) {
-  auto package = blockPackage(folder_, 200, 150, Basis::kColour, {PageCodec::kBc1, 0}, {PageCodec::kBc1, 0});
+  auto package = blockPackage(200, 150, Basis::kColour, {PageCodec::kBc1, 0}, {PageCodec::kBc1, 0});
   ASSERT_TRUE(package);
   if (missing(PageCodec::kBc1)) GTEST_SKIP() << "this context has no BC1";
   auto lit = test::makeEngine(artworkFromPackage(package), {}, {.upload = Upload::kBlocks}, kWidth, kHeight);
@@ -580,7 +587,7 @@ TEST_F(BlockUpload, ColourLitByItsReliefIsNoBlocksAndSaysWhy) {
 
 // Run once more without the extension (tests.cmake): then the error names it, and auto does without.
 TEST_F(BlockUpload, AContextWithoutBc7IsNamed) {
-  auto package = blockPackage(folder_, 200, 150, Basis::kColour, {PageCodec::kBc7, 0}, {PageCodec::kBc7, 0});
+  auto package = blockPackage(200, 150, Basis::kColour, {PageCodec::kBc7, 0}, {PageCodec::kBc7, 0});
   ASSERT_TRUE(package);
   const Artwork artwork = artworkFromPackage(package);
   auto engine = Engine::create(artwork, {}, {.upload = Upload::kBlocks});

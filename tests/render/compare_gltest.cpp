@@ -28,7 +28,8 @@ class Compare : public ::testing::Test {
   void SetUp() override {
     std::string why;
     // Two patches along the strip, sizes that are no multiple of anything, steep enough to see.
-    package_ = test::noisePackageOnce(1101, 601, Basis::kColour, 12, 7, &why);
+    package_ = test::longTests() ? test::noisePackageOnce(1101, 601, Basis::kColour, 12, 7, &why)
+                                 : test::noisePackageOnce(551, 301, Basis::kColour, 6, 7, &why);
     ASSERT_TRUE(package_) << why;
     plan_.package = package_;
     plan_.path = folder_.file("path.json");
@@ -50,14 +51,15 @@ class Compare : public ::testing::Test {
   void writePath(int cameras) {
     std::mt19937 random(kSeed);
     auto uniform = [&](double a, double b) { return std::uniform_real_distribution<double>(a, b)(random); };
+    const double size = test::longTests() ? 1 : 0.5;  // of the artwork
     auto list = nlohmann::json::array();
     for (int k = 0; k < cameras; ++k) {
       nlohmann::json c = {{"azimuth_deg", uniform(-60, 60)},
                           {"elevation_deg", uniform(-55, 55)},
                           {"fov_deg", uniform(20, 70)},
                           {"orthographic", k == 4},
-                          {"distance_mm", std::exp(uniform(std::log(35.0), std::log(250.0)))},
-                          {"target_mm", {uniform(-45, 45), uniform(-25, 25), 0}}};
+                          {"distance_mm", size * std::exp(uniform(std::log(35.0), std::log(250.0)))},
+                          {"target_mm", {size * uniform(-45, 45), size * uniform(-25, 25), 0}}};
       list.push_back(c);
     }
     std::ofstream(plan_.path) << nlohmann::json{{"cameras", list}};
@@ -119,7 +121,7 @@ class CompareBody : public Compare {
 };
 
 TEST_F(CompareBody, OfABall) {
-  open(test::cubeSphere(2, 40), 1);
+  open(test::cubeSphere(2, 40), test::longTests());
   leaveSimplifiedMeshesOut();
   expectGood(run(), 5, false);  // through a crack the far side shows, no background
 }
@@ -135,7 +137,7 @@ TEST_F(CompareBody, WhatIsForFlatArtworksOnlySaysSo) {
   EXPECT_EQ(all.runs[1].why_not, "");
 }
 TEST_F(CompareBody, OfAnOpenSheet) {
-  open(test::openSheet(3, 2, 30), 1);
+  open(test::openSheet(3, 2, 30), test::longTests());
   expectGood(run(), 5, true);
 }
 
@@ -278,7 +280,7 @@ TEST_F(Compare, StopsWhenInterruptedAndRefusesWhatDoesNotFit) {
   ASSERT_FALSE(stopped.ok());
   EXPECT_EQ(stopped.error().kind, ErrorKind::kInterrupted);
   plan_.interrupted = nullptr;
-  plan_.memory_bytes = 1 << 20;
+  plan_.memory_bytes = 1 << 18;
   auto refused = runCompare(plan_, gltest::context().info());
   ASSERT_FALSE(refused.ok());
   EXPECT_EQ(refused.error().kind, ErrorKind::kUnsupported);

@@ -49,6 +49,14 @@ inline Subject noiseSubject(int64_t w, int64_t h, Basis basis, double range_mm, 
   return denseSubject(NoiseTexture(w, h, basis, seed), range_mm > 0 ? &heights : nullptr);
 }
 
+// The same, made once a program.
+inline const Subject& noiseSubjectOnce(int64_t w, int64_t h, Basis basis, double range_mm, uint32_t seed) {
+  static std::map<std::tuple<int64_t, int64_t, Basis, double, uint32_t>, Subject> all;
+  Subject& made = all[{w, h, basis, range_mm, seed}];
+  if (!made.texture) made = noiseSubject(w, h, basis, range_mm, seed);
+  return made;
+}
+
 // Sizes that no memory holds: the texture repeats, its pages are made when asked for.
 inline Subject periodicSubject(int64_t w, int64_t h, Basis basis) {
   NoiseTexture period(512, 512, basis, 77);

@@ -39,7 +39,7 @@ TEST(Effects, AreTheirReferences) {
   for (const Subject& subject : {strongSubject(11), noiseSubject(700, 500, Basis::kColour, 3, 11)}) {
     for (const PixelEffect* effect : pixelEffects()) {
       if (effect->reference == nullptr) continue;
-      for (const PixelEffect::Values& values : someValues(*effect, 4)) {
+      for (const PixelEffect::Values& values : someValues(*effect, test::esShare(4))) {
         Scene scene;
         scene.effects = {{effect, values}};
         expectEqual(compare(subject, scene, {.views = 6}), std::string(effect->name).c_str());

@@ -120,13 +120,8 @@ std::vector<Scan> scans() {
   return all;
 }
 
-struct Looked {
-  uint64_t inside = 0, background = 0, black = 0;
-};
 // Pixels whose neighbours' lines of sight all meet the scan between the near and the far plane.
-Looked lookAt(const std::vector<uint8_t>& pixels, const ViewTransform& view, const RayScene& scan,
-              const glm::dvec3& scan_from_world) {
-  Looked looked;
+std::vector<bool> insideOf(const ViewTransform& view, const RayScene& scan, const glm::dvec3& scan_from_world) {
   const glm::dmat4 world_from_clip = glm::inverse(view.clip_from_world);
   std::vector<Line> lines;
   for (int y = 0; y < kHeight; ++y)
@@ -149,18 +144,31 @@ Looked lookAt(const std::vector<uint8_t>& pixels, const ViewTransform& view, con
     }
   std::vector<SurfacePoint> hits(lines.size());
   scan.nearestOnLines(lines, Facing::kAny, hits);
+  std::vector<bool> inside(hits.size());
   for (int y = kMarginPx; y < kHeight - kMarginPx; ++y)
     for (int x = kMarginPx; x < kWidth - kMarginPx; ++x) {
       bool all = true;
       for (int dy = -kMarginPx; dy <= kMarginPx && all; ++dy)
         for (int dx = -kMarginPx; dx <= kMarginPx && all; ++dx)
           all = static_cast<bool>(hits[static_cast<size_t>((y + dy) * kWidth + x + dx)]);
-      const size_t i = 4 * static_cast<size_t>(y * kWidth + x);
-      const bool seen = pixels[i + 3] != 0;
-      if (seen && pixels[i] + pixels[i + 1] + pixels[i + 2] == 0) ++looked.black;
-      if (!all) continue;
-      ++looked.inside;
-      looked.background += !seen;
+      inside[static_cast<size_t>(y * kWidth + x)] = all;
+    }
+  return inside;
+}
+
+struct Looked {
+  uint64_t inside = 0, background = 0, black = 0;
+};
+Looked lookAt(const std::vector<uint8_t>& pixels, const std::vector<bool>& inside) {
+  Looked looked;
+  for (int y = kMarginPx; y < kHeight - kMarginPx; ++y)
+    for (int x = kMarginPx; x < kWidth - kMarginPx; ++x) {
+      const auto at = static_cast<size_t>(y * kWidth + x);
+      const uint8_t* pixel = &pixels[4 * at];
+      const bool seen = pixel[3] != 0;
+      looked.black += seen && pixel[0] + pixel[1] + pixel[2] == 0;
+      looked.inside += inside[at];
+      looked.background += inside[at] && !seen;
     }
   return looked;
 }
@@ -246,7 +254,8 @@ TEST_F(HardScans, AreDrawnWithoutHolesOrRefusedByName) {
       const auto settled = engine->settle(120);
       ASSERT_TRUE(settled.ok()) << scan.item << ": " << settled.error().text();
       const auto pixels = engine->readPixels();
-      const Looked looked = lookAt(pixels, engine->view(), **rays, scan_from_world);
+      const std::vector<bool> inside = insideOf(engine->view(), **rays, scan_from_world);
+      const Looked looked = lookAt(pixels, inside);
       EXPECT_EQ(looked.background, 0u) << scan.item << ", view " << views << ", of " << looked.inside;
       EXPECT_EQ(looked.black, 0u) << scan.item << ", view " << views;
       sum.inside += looked.inside, sum.background += looked.background, sum.black += looked.black;
@@ -260,7 +269,7 @@ TEST_F(HardScans, AreDrawnWithoutHolesOrRefusedByName) {
         broken[i + 3] = 0;
         if (i + 7 < broken.size()) broken[i + 4] = broken[i + 5] = broken[i + 6] = 0;
       }
-      const Looked there = lookAt(broken, engine->view(), **rays, scan_from_world);
+      const Looked there = lookAt(broken, inside);
       tampered.background += there.background, tampered.black += there.black;
     }
     EXPECT_GT(sum.inside, 0u) << scan.item;
@@ -275,7 +284,8 @@ TEST_F(HardScans, AreDrawnWithoutHolesOrRefusedByName) {
       for (const OrbitCamera& camera : camerasFor(scan, broken->manifest())) {
         broken->setCamera(camera);
         ASSERT_TRUE(broken->settle(120).ok());
-        unsnapped += lookAt(broken->readPixels(), broken->view(), **rays, scan_from_world).background;
+        unsnapped += lookAt(broken->readPixels(), insideOf(broken->view(), **rays, scan_from_world)).background;
+        if (unsnapped >= 10) break;
       }
     }
   }

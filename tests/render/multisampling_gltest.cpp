@@ -313,13 +313,15 @@ TEST(Multisampling, ColoursAreTheAverageInLinearLight) {
       auto engine = makeEngine(subject->artwork, sceneOf(samples), {}, kWidth, kHeight);
       auto single = makeEngine(subject->artwork, sceneOf(1), {}, kWidth, kHeight);
       ASSERT_TRUE(engine && single);
-      for (double distance : {0.1, 0.4, 1.0}) {
+      std::vector<double> distances{0.4, 0.1, 1.0};
+      distances.resize(esShare(distances.size()));
+      for (double distance : distances) {
         OrbitCamera camera = slantedCamera(subject->artwork, 35, 20);
         camera.distance_mm *= distance;
         const auto picture = settledPicture(*engine, camera);
         const Averages expected(*subject, *engine, standardLocations(samples));
         d.add(expected.difference(picture));
-        if (samples != 8) continue;
+        if (samples != 8 || controlledWithOpenGl()) continue;
         one.add(expected.difference(settledPicture(*single, camera)));
         of_bytes.add(expected.difference(picture, true));
         std::vector<glm::dvec2> others = standardLocations(samples);
@@ -335,6 +337,7 @@ TEST(Multisampling, ColoursAreTheAverageInLinearLight) {
       EXPECT_LE(d.mean(), 0.3) << "a quarter for rounding";
     }
   }
+  if (controlledWithOpenGl()) return;
   std::printf("[ samples ] controls: one sample %zu above 1, of bytes %zu, mirrored %zu\n", one.above_1,
               of_bytes.above_1, mirrored.above_1);
   EXPECT_GT(one.above_1, 5000u) << "control";

@@ -2,8 +2,10 @@
 // texture that leaves no error unseen. Built into a package in a temporary folder.
 #pragma once
 
+#include <array>
 #include <cmath>
 #include <filesystem>
+#include <limits>
 #include <map>
 #include <memory>
 #include <string>
@@ -22,17 +24,37 @@ inline uint32_t mixBits(uint32_t x, uint32_t y, uint32_t seed) {
   return h ^ (h >> 15);
 }
 
-// Value noise, 0..1, one lattice point every `cell` px.
-inline float valueNoise(double x, double y, double cell, uint32_t seed) {
-  double gx = x / cell, gy = y / cell;
-  auto ix = static_cast<int64_t>(std::floor(gx)), iy = static_cast<int64_t>(std::floor(gy));
-  double fx = gx - static_cast<double>(ix), fy = gy - static_cast<double>(iy);
-  auto at = [&](int64_t i, int64_t j) {
-    return static_cast<double>(mixBits(static_cast<uint32_t>(i), static_cast<uint32_t>(j), seed) >> 8) / 16777216.0;
-  };
-  double a = at(ix, iy) * (1 - fx) + at(ix + 1, iy) * fx, b = at(ix, iy + 1) * (1 - fx) + at(ix + 1, iy + 1) * fx;
-  return static_cast<float>(a * (1 - fy) + b * fy);
-}
+// Value noise, 0..1, one lattice point every `cell` px, along the row at y: the corners of a cell are hashed once for
+// all of its places that are asked for in a row.
+class NoiseRow {
+ public:
+  NoiseRow(double y, double cell, uint32_t seed) : cell_(cell), seed_(seed) {
+    const double gy = y / cell;
+    row_ = static_cast<int64_t>(std::floor(gy));
+    fy_ = gy - static_cast<double>(row_);
+  }
+  float operator()(double x) {
+    const double gx = x / cell_;
+    auto column = static_cast<int64_t>(gx);
+    column -= gx < static_cast<double>(column);
+    if (column != column_) {
+      column_ = column;
+      for (size_t k = 0; k < 4; ++k) corners_[k] = at(column + (k & 1), row_ + (k >> 1));
+    }
+    const double fx = gx - static_cast<double>(column);
+    const double a = corners_[0] * (1 - fx) + corners_[1] * fx, b = corners_[2] * (1 - fx) + corners_[3] * fx;
+    return static_cast<float>(a * (1 - fy_) + b * fy_);
+  }
+
+ private:
+  double at(int64_t i, int64_t j) const {
+    return static_cast<double>(mixBits(static_cast<uint32_t>(i), static_cast<uint32_t>(j), seed_) >> 8) / 16777216.0;
+  }
+  double cell_, fy_ = 0;
+  uint32_t seed_;
+  int64_t row_ = 0, column_ = std::numeric_limits<int64_t>::min();
+  std::array<double, 4> corners_{};
+};
 
 class NoiseTexture final : public TextureSource {
  public:
@@ -50,13 +72,14 @@ class NoiseTexture final : public TextureSource {
   Result<void> read(const Rect& r, std::span<uint8_t> out) const override {
     size_t at = 0;
     for (int c = 0; c < format_.channels(); ++c)
-      for (int64_t y = r.y; y < r.y + r.height; ++y)
+      for (int64_t y = r.y; y < r.y + r.height; ++y) {
+        const uint32_t s = seed_ + static_cast<uint32_t>(c) * 7919u;
+        NoiseRow coarse(double(y), 37, s), middle(double(y), 7, s + 1), fine(double(y), 2, s + 2);
         for (int64_t x = r.x; x < r.x + r.width; ++x) {
-          auto s = seed_ + static_cast<uint32_t>(c) * 7919u;
-          float v = 0.5f * valueNoise(double(x), double(y), 37, s) + 0.3f * valueNoise(double(x), double(y), 7, s + 1) +
-                    0.2f * valueNoise(double(x), double(y), 2, s + 2);
+          const float v = 0.5f * coarse(double(x)) + 0.3f * middle(double(x)) + 0.2f * fine(double(x));
           out[at++] = static_cast<uint8_t>(40 + 170 * v);
         }
+      }
     return {};
   }
 
@@ -76,16 +99,17 @@ class NoiseHeight final : public HeightSource {
   Provenance provenance() const override { return {"noise", "", "test"}; }
   Result<void> read(const Rect& r, std::span<float> out) const override {
     size_t at = 0;
-    for (int64_t y = r.y; y < r.y + r.height; ++y)
+    for (int64_t y = r.y; y < r.y + r.height; ++y) {
+      NoiseRow where(double(y), 331, seed_ + 9), hills(double(y), 211, seed_), bumps(double(y), 19, seed_ + 1),
+          grain(double(y), 3, seed_ + 2);
       for (int64_t x = r.x; x < r.x + r.width; ++x) {
         // Rough in places only, so that neighbouring nodes want different levels.
-        float rough = valueNoise(double(x), double(y), 331, seed_ + 9);
-        rough = rough > 0.55f ? (rough - 0.55f) * 2 : 0;
-        float v = 0.6f * valueNoise(double(x), double(y), 211, seed_) +
-                  0.25f * rough * valueNoise(double(x), double(y), 19, seed_ + 1) +
-                  0.15f * rough * valueNoise(double(x), double(y), 3, seed_ + 2);
+        const float above = where(double(x)) - 0.55f, rough = above * 2;
+        float v = 0.6f * hills(double(x));
+        if (above > 0) v = v + 0.25f * rough * bumps(double(x)) + 0.15f * rough * grain(double(x));
         out[at++] = static_cast<float>((v - 0.5) * range_);
       }
+    }
     return {};
   }
 

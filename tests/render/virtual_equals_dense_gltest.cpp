@@ -12,7 +12,7 @@ using namespace test;
 
 TEST(VirtualEqualsDense, ReliefOfEveryBasis) {
   for (Basis basis : {Basis::kPtmLrgb, Basis::kPtmRgb, Basis::kColour})
-    expectEqual(compare(noiseSubject(1501, 1103, basis, 12, 7), {}, {.views = 8}), basisName(basis));
+    expectEqual(compare(noiseSubjectOnce(1501, 1103, basis, 12, 7), {}, {.views = 8}), basisName(basis));
 }
 
 // Colour lit by the normals of its relief, where the relief is as fine as the colour, finer and coarser, and where
@@ -109,8 +109,8 @@ OrbitCamera parallel(OrbitCamera c) {
 }
 
 TEST(VirtualEqualsDense, Orthographic) {
-  const Subject relief = noiseSubject(1501, 1103, Basis::kPtmLrgb, 12, 7),
-                flat = noiseSubject(3001, 700, Basis::kColour, 0, 8);
+  const Subject &relief = noiseSubjectOnce(1501, 1103, Basis::kPtmLrgb, 12, 7),
+                &flat = noiseSubjectOnce(1501, 700, Basis::kColour, 0, 8);
   for (const Subject* subject : {&relief, &flat}) {
     Views run{.views = 10};
     run.camera = [&](std::mt19937& random) { return parallel(randomCamera(random, subject->texture->domain, 180)); };
@@ -137,7 +137,7 @@ TEST(VirtualEqualsDense, Orthographic) {
 }
 
 TEST(VirtualEqualsDense, AtBothEndsOfTheFieldOfView) {
-  const Subject subject = noiseSubject(1501, 1103, Basis::kPtmLrgb, 12, 7);
+  const Subject& subject = noiseSubjectOnce(1501, 1103, Basis::kPtmLrgb, 12, 7);
   for (double fov_deg : {kMinFovDeg, kMaxFovDeg}) {
     Views run{.views = 8};
     run.camera = [&](std::mt19937& random) {
@@ -155,7 +155,7 @@ TEST(VirtualEqualsDense, AtBothEndsOfTheFieldOfView) {
 
 TEST(VirtualEqualsDense, NegativeControlPagesWithoutBorders) {
   if (test::controlledWithOpenGl()) GTEST_SKIP() << "tried with OpenGL";
-  const Subject subject = noiseSubject(1501, 1103, Basis::kPtmLrgb, 12, 7);
+  const Subject& subject = noiseSubjectOnce(1501, 1103, Basis::kPtmLrgb, 12, 7);
   Views run{.views = 12};
   run.faults.no_borders = true;
   const Totals t = compare(subject, {}, run);
@@ -166,7 +166,7 @@ TEST(VirtualEqualsDense, NegativeControlPagesWithoutBorders) {
 
 TEST(VirtualEqualsDense, NegativeControlAWrongOracle) {
   if (test::controlledWithOpenGl()) GTEST_SKIP() << "tried with OpenGL";
-  const Subject subject = noiseSubject(1501, 1103, Basis::kPtmLrgb, 12, 7);
+  const Subject& subject = noiseSubjectOnce(1501, 1103, Basis::kPtmLrgb, 12, 7);
   const std::vector<std::pair<const char*, std::function<void(DenseView&)>>> mistakes{
       {"level of detail off by a quarter", [](DenseView& v) { v.lod_bias = 0.25; }},
       {"light off by a degree", [](DenseView& v) { v.light[0] += 0.0175; }},

@@ -73,11 +73,7 @@ class NoisyPatches : public PatchSource {
   int texelSide() const { return kPagePx << texture_depth_; }
   int cells() const { return kPagePx << relief_depth_; }
   uint8_t texel(uint32_t patch, int c, int x, int y) const {
-    const uint64_t h = hash(patch, static_cast<uint64_t>(c), static_cast<uint64_t>(x), static_cast<uint64_t>(y));
-    return static_cast<uint8_t>(
-        std::clamp(128 + static_cast<int>(80 * std::sin(0.05 * x + patch) * std::cos(0.04 * y + c)) +
-                       static_cast<int>(h % 61) - 30,
-                   0, 255));
+    return texel(patch, c, x, y, waveAlong(patch, x) * waveAcross(c, y));
   }
   virtual uint16_t height(uint32_t patch, int x, int y) const {
     const int n = cells();
@@ -105,10 +101,15 @@ class NoisyPatches : public PatchSource {
 
   Result<void> texels(uint32_t patch, std::span<uint8_t> out) const override {
     ++texel_calls;
+    const int side = texelSide();
+    std::vector<double> along(static_cast<size_t>(side));
+    for (int x = 0; x < side; ++x) along[static_cast<size_t>(x)] = waveAlong(patch, x);
     size_t i = 0;
     for (int c = 0; c < format_.channels(); ++c)
-      for (int y = 0; y < texelSide(); ++y)
-        for (int x = 0; x < texelSide(); ++x) out[i++] = texel(patch, c, x, y);
+      for (int y = 0; y < side; ++y) {
+        const double across = waveAcross(c, y);
+        for (int x = 0; x < side; ++x) out[i++] = texel(patch, c, x, y, along[static_cast<size_t>(x)] * across);
+      }
     return {};
   }
   Result<void> heights(uint32_t patch, std::span<uint16_t> out) const override {
@@ -147,6 +148,12 @@ class NoisyPatches : public PatchSource {
   mutable std::atomic<int> texel_calls{0};
 
  private:
+  static double waveAlong(uint32_t patch, int x) { return 80 * std::sin(0.05 * x + patch); }
+  static double waveAcross(int c, int y) { return std::cos(0.04 * y + c); }
+  uint8_t texel(uint32_t patch, int c, int x, int y, double wave) const {
+    const uint64_t h = hash(patch, static_cast<uint64_t>(c), static_cast<uint64_t>(x), static_cast<uint64_t>(y));
+    return static_cast<uint8_t>(std::clamp(128 + static_cast<int>(wave) + static_cast<int>(h % 61) - 30, 0, 255));
+  }
   uint64_t hash(uint64_t a, uint64_t b, uint64_t c, uint64_t d) const {
     return mixBits(mixBits(mixBits(mixBits(seed_ * 31 + a) + b) + c) + d);
   }

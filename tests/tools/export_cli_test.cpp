@@ -301,7 +301,7 @@ class PatchMaps : public ExportCli {
  protected:
   void SetUp() override {
     ExportCli::SetUp();
-    write("ball.off", wavyBallOff(80, 50));
+    write("ball.off", wavyBallOff(40, 24));
     const Outcome built = relievo("build --mesh " + file("ball.off") + " -o " + file("ball.relievo"));
     ASSERT_EQ(built.exit_code, 0) << built.output;
   }

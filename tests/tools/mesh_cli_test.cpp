@@ -512,10 +512,15 @@ TEST_F(MeshCli, UnitPlaceAttitudeAndOrderChangeNothingButCoordinates) {
   EXPECT_EQ(by_1024.patches, plain.patches);
   EXPECT_EQ(by_1024.samples, plain.samples);
   EXPECT_NEAR(by_1024.psnr_db, plain.psnr_db, 1e-6);
-  for (const auto& [what, scan] : {std::pair<const char*, Ball>{"in metres", moved(ball, scaled(1e-3))},
-                                   {"10^7 mm from the origin", moved(ball, far)},
-                                   {"turned", moved(ball, turned)},
-                                   {"in another order", shuffled(ball)}}) {
+  std::vector<std::pair<const char*, Ball>> cases{{"in metres, in another order", shuffled(moved(ball, scaled(1e-3)))},
+                                                  {"turned, 10^7 mm from the origin", moved(moved(ball, turned), far)}};
+  if (relievo::test::longTests()) {
+    cases = {{"in metres", moved(ball, scaled(1e-3))},
+             {"10^7 mm from the origin", moved(ball, far)},
+             {"turned", moved(ball, turned)},
+             {"in another order", shuffled(ball)}};
+  }
+  for (const auto& [what, scan] : cases) {
     const Figures f = figuresOf(scan);
     EXPECT_TRUE(near(f)) << what << ": exit code " << f.exit_code << ", " << f.patches << " patches, " << f.samples
                          << " samples, " << f.psnr_db << " dB; plain: " << plain.patches << ", " << plain.samples

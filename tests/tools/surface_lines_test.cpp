@@ -174,7 +174,7 @@ TEST_F(SurfaceLinesTest, SectionsFollowTheSurfaceFromOnePlaceToTheOther) {
 
 // A cubed ball of radius 40 about (3, 3, 3) without relief of its own: its base mesh's quads, bilinear.
 TEST_F(SurfaceLinesTest, APlaneCutsAScanInClosedLinesAcrossItsPatches) {
-  const NoisyPatches source(cubeSphere(8, 40, 3), 0, 0, 7);
+  const NoisyPatches source(cubeSphere(6, 40, 3), 0, 0, 7);
   BuildOptions options;
   options.output = folder_.file("ball.relievo");
   ASSERT_TRUE(buildPatchPackage(source, options).ok());
