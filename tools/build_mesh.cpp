@@ -812,9 +812,12 @@ void MeshBuild::printSummary() const {
             static_cast<unsigned long long>(result_.pages), static_cast<double>(result_.package_bytes) / (1 << 20),
             seconds, each.c_str(), static_cast<double>(peak) / (1 << 20), meshText(result_.mesh).c_str());
   if (result_.texture_nodes_left_out > 0)
-    printOutf("  texture   %llu of %llu nodes have no pages: what is coarser shows them within %.3g of 255 steps\n",
-              static_cast<unsigned long long>(result_.texture_nodes_left_out),
-              static_cast<unsigned long long>(result_.texture_nodes), result_.texture_tolerance);
+    printOutf(
+        "  texture   %llu of %llu nodes have no pages: what is coarser shows them within %.3g of 255 steps "
+        "(normals %.3g degrees)\n",
+        static_cast<unsigned long long>(result_.texture_nodes_left_out),
+        static_cast<unsigned long long>(result_.texture_nodes), result_.texture_tolerance,
+        glm::degrees(kNormalTolerance * result_.texture_tolerance / 127.5));
   const Fidelity& f = result_.fidelity;
   auto way = [&](const char* name, const OneSidedFidelity& w) {
     printOutf("  %-9s RMS %s, 99.9 %% within %s, all within %s; %.4g %% of the area beyond %s\n", name,

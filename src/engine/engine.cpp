@@ -463,8 +463,10 @@ struct Engine::Impl {
     updateShadows();
     target.begin();
     // Where no pixel asks for a page, or there is none, nothing is looked up: the same picture, for half the cost.
-    const gl::Program& program =
-        tails && (demand->requests().empty() || shownTable().size() == 0) ? programs.tails : programs.shade;
+    // But with anisotropy, a patch that has no page shows its tail along the pixel's footprint.
+    const bool no_look_up = demand->requests().empty() || shownTable().size() == 0;
+    const bool only_tails = no_look_up && !(plan.anisotropy > 1 && domain().hasUntexturedPatch());
+    const gl::Program& program = tails && only_tails ? programs.tails : programs.shade;
     program.use();
     pool->bind(program, shownTable());
     bindSurface(program);
@@ -753,8 +755,7 @@ Result<std::unique_ptr<Engine>> Engine::create(Artwork artwork, const Scene& sce
   impl->screen = std::make_unique<ScreenPass>(depth);
   // Over a base mesh the pass alone knows: a texture's density varies over its patches.
   impl->demand = std::make_unique<TextureDemand>(impl->overMesh() ? RequestSource::kFeedback : options.request_source,
-                                                 impl->options.feedback_scale, impl->context.software,
-                                                 impl->domain());
+                                                 impl->options.feedback_scale, impl->context.software, impl->domain());
   if (const Manifest& m = impl->artwork.manifest; !m.domain.isFlat()) {
     impl->corners = std::make_unique<BaseCorners>(m.base);
     auto lod =

@@ -72,7 +72,8 @@ void seal(std::vector<uint8_t>& file, bool both_headers) {
   if (auto header = decodeHeader(std::span(file).first(kHeaderBytes), "")) {
     if (header->texture_depths && inside(header->base_offset, header->base_bytes)) {
       const uint32_t patches = header->domain.patchCount();
-      auto raw = unpackBaseSection({h + header->base_offset, header->base_bytes}, patches, BaseSectionEnd::kTextureDepths);
+      auto raw =
+          unpackBaseSection({h + header->base_offset, header->base_bytes}, patches, BaseSectionEnd::kTextureDepths);
       auto base = raw.ok() ? decodeBaseSection(*raw, patches) : Result<BaseSection>(raw.error());
       if (base.ok() && textureDepthsProblem(*header, base->texture_depths).empty())
         header->domain.setTextureDepths(std::make_shared<const TextureDepths>(std::move(base->texture_depths)));

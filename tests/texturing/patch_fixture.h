@@ -171,8 +171,7 @@ class MostlySmoothPatches final : public NoisyPatches {
     for (int c = 0; c < format().channels(); ++c)
       for (int y = 0; y < texelSide(); ++y)
         for (int x = 0; x < texelSide(); ++x, ++i) {
-          const glm::dvec3 at =
-              glm::normalize(base().point(patch, (x + 0.5) / side, (y + 0.5) / side) / kRadiusMm);
+          const glm::dvec3 at = glm::normalize(base().point(patch, (x + 0.5) / side, (y + 0.5) / side) / kRadiusMm);
           double value = c < 3 ? 128 + 40 * at[c] : 127.5 + 100 * at[c - 3];
           const auto random = static_cast<double>(mixBits(i * 131 + patch) % 1000) / 1000 - 0.5;
           if (patch == kWeak) value += 12 * random;

@@ -4,6 +4,8 @@
 #include <gtest/gtest.h>
 #include <xxhash.h>
 
+#include <algorithm>
+#include <array>
 #include <cmath>
 #include <fstream>
 #include <functional>
@@ -27,7 +29,7 @@ namespace texture_depths_test {
 using namespace testing_support;
 
 constexpr uint64_t kSeed = 23;
-constexpr double kTolerance = 1.5;
+constexpr double kTolerance = kTextureTolerance;
 
 // ---- the comparison of two levels ----
 struct Level {
@@ -63,10 +65,14 @@ Level shownBy(Level& coarse, size_t side, size_t border) {
   for (size_t c = 0; c < kChannels; ++c)
     for (int64_t y = -1; y <= n; ++y)
       for (int64_t x = -1; x <= n; ++x)
-        fine.at(c, x, y) = static_cast<uint8_t>(std::lround(
-            shownAt(coarse, c, (static_cast<double>(x) + 0.5) / static_cast<double>(n),
-                    (static_cast<double>(y) + 0.5) / static_cast<double>(n))));
+        fine.at(c, x, y) =
+            static_cast<uint8_t>(std::lround(shownAt(coarse, c, (static_cast<double>(x) + 0.5) / static_cast<double>(n),
+                                                     (static_cast<double>(y) + 0.5) / static_cast<double>(n))));
   return fine;
+}
+
+bool same(const Level& fine, const Level& coarse, double tolerance) {
+  return showsTheSame(fine.view(), coarse.view(), std::array{tolerance, tolerance});
 }
 
 TEST(TextureDepths, ALevelShowsWhatItsBilinearFilterGives) {
@@ -74,8 +80,8 @@ TEST(TextureDepths, ALevelShowsWhatItsBilinearFilterGives) {
        {std::array<size_t, 3>{16, 4, 128}, {16, 1, 256}, {128, 4, 128}, {128, 4, 256}, {128, 4, 512}}) {
     Level coarse = noise(coarse_side, coarse_border, kSeed);
     Level fine = shownBy(coarse, fine_side, 4);  // rounded to bytes
-    EXPECT_TRUE(showsTheSame(fine.view(), coarse.view(), kChannels, 0.5)) << coarse_side << " " << fine_side;
-    EXPECT_EQ(showsTheSame(fine.view(), coarse.view(), kChannels, 0), coarse_side == fine_side);
+    EXPECT_TRUE(same(fine, coarse, 0.5)) << coarse_side << " " << fine_side;
+    EXPECT_EQ(same(fine, coarse, 0), coarse_side == fine_side);
     // One texel off is noticed wherever it lies, next to the patch included; further out it is not looked at.
     const auto last = static_cast<int64_t>(fine_side);
     for (size_t channel = 0; channel < kChannels; ++channel)
@@ -83,13 +89,19 @@ TEST(TextureDepths, ALevelShowsWhatItsBilinearFilterGives) {
         Level wrong = fine;
         uint8_t& texel = wrong.at(channel, x, y);
         texel = static_cast<uint8_t>(texel < 128 ? texel + 3 : texel - 3);
-        EXPECT_FALSE(showsTheSame(wrong.view(), coarse.view(), kChannels, 2)) << x << " " << y;
-        EXPECT_TRUE(showsTheSame(wrong.view(), coarse.view(), kChannels, 3.5)) << x << " " << y;
+        EXPECT_FALSE(same(wrong, coarse, 2)) << x << " " << y;
+        EXPECT_TRUE(same(wrong, coarse, 3.5)) << x << " " << y;
+        // By its own channel's tolerance.
+        std::array tolerances{2.0, 2.0};
+        tolerances[channel] = 3.5;
+        EXPECT_TRUE(showsTheSame(wrong.view(), coarse.view(), tolerances));
+        std::reverse(tolerances.begin(), tolerances.end());
+        EXPECT_FALSE(showsTheSame(wrong.view(), coarse.view(), tolerances));
       }
     for (auto [x, y] : {std::array<int64_t, 2>{-2, 5}, {last + 1, last + 1}}) {
       Level beyond = fine;
       beyond.at(0, x, y) ^= 0x80;
-      EXPECT_TRUE(showsTheSame(beyond.view(), coarse.view(), kChannels, 0.5));
+      EXPECT_TRUE(same(beyond, coarse, 0.5));
     }
   }
 }
@@ -135,8 +147,8 @@ std::set<uint32_t> around(const BaseMesh& base, uint32_t patch) {
 }
 
 // How far the texels that a package leaves out lie from what it shows in their place: from pages of `whole`, which
-// leaves none out, in real numbers.
-double furthestOff(const Package& package, const Package& whole) {
+// leaves none out, in real numbers; by plane.
+std::array<double, 2> furthestOff(const Package& package, const Package& whole) {
   const Manifest& m = package.manifest();
   const PatchTails tails = package.tails(1, nullptr);
   const TailBlocks blocks(tails, *m.base);
@@ -144,7 +156,7 @@ double furthestOff(const Package& package, const Package& whole) {
   PageDecoder decoder;
   std::vector<uint8_t> fine(kSlotBytes), coarse(kSlotBytes);
   std::vector<uint32_t> words(tailBlockTexels(0) * planes);
-  double furthest = 0;
+  std::array<double, 2> furthest{};
   for (int level = 0; level <= m.domain.texture_depth; ++level)
     forEachNode(m.domain, level, [&](const NodeId& node) {
       if (node.level != static_cast<uint32_t>(level) || m.domain.hasTexturePage(node)) return;
@@ -181,7 +193,8 @@ double furthestOff(const Package& package, const Package& whole) {
                                    (texel(xi, yi + 1, c) * (1 - fx) + texel(xi + 1, yi + 1, c) * fx) * fy;
               const uint8_t own = fine[4 * static_cast<size_t>((j + kPageBorderPx) * kPageFullPx + i + kPageBorderPx) +
                                        static_cast<size_t>(c)];
-              furthest = std::max(furthest, std::abs(own - value));
+              double& of_plane = furthest[static_cast<size_t>(plane)];
+              of_plane = std::max(of_plane, std::abs(own - value));
             }
       }
     });
@@ -217,11 +230,14 @@ TEST(TextureDepths, PackagesLeaveOutWhatShowsAnywayAndNothingElse) {
   EXPECT_EQ(nlohmann::json::parse(package->manifestJson())["version"], 5);
   EXPECT_EQ(d.texturedNodeCount(0), d.patchCount() - bare);
 
-  EXPECT_LE(furthestOff(*package, *whole), kTolerance);
+  const auto off = furthestOff(*package, *whole);
+  EXPECT_LE(off[0], kTolerance);
+  EXPECT_LE(off[1], kTolerance * kNormalTolerance);
   // Negative control: a builder that drops pages which matter is found out.
   const auto careless = built(folder.file("careless.relievo"), source, 20);
   EXPECT_EQ(careless->manifest().domain.textureDepthOf(kWeak), kNoTexturePage);
-  EXPECT_GT(furthestOff(*careless, *whole), 2 * kTolerance);
+  EXPECT_GT(furthestOff(*careless, *whole)[0], 2 * kTolerance);
+  EXPECT_GT(furthestOff(*careless, *whole)[1], 2 * kTolerance * kNormalTolerance);
 
   // The pages that there are are the same, and the others are not there.
   forEachNode(d, d.texture_depth, [&](const NodeId& node) {
@@ -300,7 +316,7 @@ TEST(TextureDepths, PagesForToolsAreWhatIsShown) {
           }
     }
   });
-  EXPECT_LE(furthest, static_cast<int>(kTolerance + 0.5));
+  EXPECT_LE(furthest, static_cast<int>(kTolerance * kNormalTolerance + 0.5));
   EXPECT_GT(furthest, 0);
   EXPECT_FALSE(pages.read(PageId(texturePlane(0), {0, 2, 0, 0}), decoder, slot).ok()) << "deeper than any patch";
   EXPECT_FALSE(pages.read(PageId(texturePlane(0), {54, 0, 0, 0}), decoder, slot).ok()) << "no such patch";
@@ -323,9 +339,14 @@ TEST(TextureDepths, FeedbackNamesTheFinestNodesThatThereAre) {
     for (const NodeRequest& r : analyzer.analyze(pixels, static_cast<int>(pixels.size()), 1)) nodes.insert(r.node);
     return nodes;
   };
-  EXPECT_EQ(nodesOf(FeedbackAnalyzer(&domain)),
-            (std::set<NodeId>{{0, 3, 5, 6}, {0, 2, 2, 3}, {0, 1, 1, 1}, {0, 1, 0, 1}, {0, 0, 0, 0},
-                              {1, 1, 1, 1}, {1, 1, 1, 0}, {1, 0, 0, 0}}));
+  EXPECT_EQ(nodesOf(FeedbackAnalyzer(&domain)), (std::set<NodeId>{{0, 3, 5, 6},
+                                                                  {0, 2, 2, 3},
+                                                                  {0, 1, 1, 1},
+                                                                  {0, 1, 0, 1},
+                                                                  {0, 0, 0, 0},
+                                                                  {1, 1, 1, 1},
+                                                                  {1, 1, 1, 0},
+                                                                  {1, 0, 0, 0}}));
   // Negative control: who does not know the depths asks for pages that no package has.
   const auto unaware = nodesOf(FeedbackAnalyzer());
   EXPECT_TRUE(unaware.contains({2, 3, 1, 1}) && unaware.contains({1, 3, 5, 6}));

@@ -13,7 +13,8 @@
 namespace relievo {
 namespace {
 
-// Calls f(first byte, bytes a record, records) for each of the arrays of a section that ends with shapes or behind them.
+// Calls f(first byte, bytes a record, records) for each of the arrays of a section that ends with shapes or behind
+// them.
 template <class F>
 void forEachArray(uint64_t corners, uint64_t patches, BaseSectionEnd end, F f) {
   f(0, kBaseHeadBytes, 1);
@@ -79,8 +80,7 @@ Result<BaseSection> decodeBaseSection(std::span<const uint8_t> bytes, uint32_t p
   take(patch_count);
   if (patch_count != patches)
     return invalid(4, "expected " + std::to_string(patches) + " patches, found " + std::to_string(patch_count));
-  const bool has_depths =
-      bytes.size() == baseSectionBytes(corner_count, patch_count, BaseSectionEnd::kTextureDepths);
+  const bool has_depths = bytes.size() == baseSectionBytes(corner_count, patch_count, BaseSectionEnd::kTextureDepths);
   const bool has_shapes = has_depths || bytes.size() == baseSectionBytes(corner_count, patch_count);
   const bool has_slopes =
       has_shapes || bytes.size() == baseSectionBytes(corner_count, patch_count, BaseSectionEnd::kSlopes);
@@ -130,9 +130,8 @@ Result<BaseSection> decodeBaseSection(std::span<const uint8_t> bytes, uint32_t p
     for (float* f : {&s.min_u, &s.max_u, &s.min_v, &s.max_v}) take(*f);
     if (!std::isfinite(s.min_u) || !std::isfinite(s.max_u) || !std::isfinite(s.min_v) || !std::isfinite(s.max_v) ||
         s.min_u > s.max_u || s.min_v > s.max_v)
-      return invalid(
-          bytes.size() - behind_slopes - (out.slopes.size() - i) * kBaseSlopesBytes,
-          "the slopes of patch " + std::to_string(i) + " are not ranges of numbers");
+      return invalid(bytes.size() - behind_slopes - (out.slopes.size() - i) * kBaseSlopesBytes,
+                     "the slopes of patch " + std::to_string(i) + " are not ranges of numbers");
   }
   if (!has_shapes) return out;
   out.shapes.resize(patch_count);
@@ -180,8 +179,7 @@ std::vector<uint8_t> packBaseSection(std::span<const uint8_t> section, int zstd_
   return out;
 }
 
-Result<std::vector<uint8_t>> unpackBaseSection(std::span<const uint8_t> packed, uint32_t patches,
-                                               BaseSectionEnd end) {
+Result<std::vector<uint8_t>> unpackBaseSection(std::span<const uint8_t> packed, uint32_t patches, BaseSectionEnd end) {
   assert(end >= BaseSectionEnd::kShapes);
   auto invalid = [](const std::string& message) {
     return Error{ErrorKind::kInvalidData, "", "the base mesh is damaged: " + message,

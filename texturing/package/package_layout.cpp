@@ -277,9 +277,8 @@ PackageLayout packageLayout(const PatchDomain& domain, const TextureFormat& form
   PackageLayout layout;
   const uint32_t planes = static_cast<uint32_t>(format.planes());
   const uint32_t texture_bytes = planes * kTextureEntryBytes;
-  layout.texture = domain.textureDepths()
-                       ? IndexLayout(domain, domain.textureDepths(), texture_bytes, index_offset)
-                       : IndexLayout(domain, domain.texture_depth, texture_bytes, index_offset);
+  layout.texture = domain.textureDepths() ? IndexLayout(domain, domain.textureDepths(), texture_bytes, index_offset)
+                                          : IndexLayout(domain, domain.texture_depth, texture_bytes, index_offset);
   layout.index_bytes = layout.texture.bytes();
   layout.page_count = layout.texture.nodeCount() * planes;
   if (domain.relief_depth >= 0) {
@@ -538,8 +537,8 @@ class HeaderDecoder {
                              " bytes, found " + std::to_string(h_.index_bytes));
     }
     if (h_.page_count > layout.page_count || h_.page_count < layout.page_count - fewer_pages) {
-      return invalid(80, "expected " + between(layout.page_count - fewer_pages, layout.page_count) +
-                             " pages, found " + std::to_string(h_.page_count));
+      return invalid(80, "expected " + between(layout.page_count - fewer_pages, layout.page_count) + " pages, found " +
+                             std::to_string(h_.page_count));
     }
     if (h_.pages_bytes < h_.page_count) {
       return invalid(72, "expected at least a byte for each of " + std::to_string(h_.page_count) + " pages, found " +

@@ -58,10 +58,13 @@ struct PackageHeader {
   // The directory of the patches' tails (0 bytes: there are none): package_tails.h.
   uint64_t tails_offset = 0, tails_bytes = 0, tails_hash = 0;
 };
-// 5 or 4 where it is compact; else 3 where the header describes the basis; else 1, or 2 with a base mesh: packages of those
-// bases stay what they were.
+// 5 or 4 where it is compact; else 3 where the header describes the basis; else 1, or 2 with a base mesh: packages of
+// those bases stay what they were.
 inline uint32_t packageVersion(const PackageHeader& h) {
-  return h.compact ? (h.texture_depths ? 5 : 4) : h.texture.basis > Basis::kAlbedoNormal ? 3 : h.base_bytes == 0 ? 1 : 2;
+  return h.compact                                ? (h.texture_depths ? 5 : 4)
+         : h.texture.basis > Basis::kAlbedoNormal ? 3
+         : h.base_bytes == 0                      ? 1
+                                                  : 2;
 }
 void encodeHeader(const PackageHeader& header, std::span<uint8_t> out /* kHeaderBytes */);
 // Checks magic, version, hash and every field; the error names the field. kUnsupported: what a newer program may know,

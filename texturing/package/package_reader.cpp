@@ -89,9 +89,9 @@ struct Package::Impl {
         return Error{ErrorKind::kInvalidData, file.path(), "the base mesh is damaged: its checksum does not match",
                      "rebuild the package, or get a whole copy", offset};
       if (header.compact) {
-        auto unpacked = unpackBaseSection(
-            bytes, header.domain.patchCount(),
-            header.texture_depths ? BaseSectionEnd::kTextureDepths : BaseSectionEnd::kShapes);
+        auto unpacked =
+            unpackBaseSection(bytes, header.domain.patchCount(),
+                              header.texture_depths ? BaseSectionEnd::kTextureDepths : BaseSectionEnd::kShapes);
         if (!unpacked) {
           Error error = unpacked.error();
           error.file = file.path();

@@ -85,7 +85,8 @@ struct Context {
   // A patch's tail: heights, then texels.
   size_t tailBytes() const { return 2 * kTailHeights + static_cast<size_t>(store.channels) * kTailPatchTexels; }
   size_t cornerPlace(uint32_t patch, int level, size_t corner) const {
-    const auto level_count = static_cast<size_t>(store.depth - kTail + 1), channels = static_cast<size_t>(store.channels);
+    const auto level_count = static_cast<size_t>(store.depth - kTail + 1),
+               channels = static_cast<size_t>(store.channels);
     return ((patch * level_count + static_cast<size_t>(level - kTail)) * 4 + corner) * channels;
   }
 };
@@ -572,13 +573,17 @@ class LevelReader {
 
 class DepthFinder {
  public:
-  explicit DepthFinder(Context& context) : c_(context), coarse_(context), fine_(context) {}
+  DepthFinder(Context& context, double tolerance)
+      : c_(context),
+        tolerances_(channelTolerances(context.header.texture, tolerance)),
+        coarse_(context),
+        fine_(context) {}
 
   // Notes the coarsest level that shows all finer ones within the tolerance.
-  Result<void> run(uint32_t patch, double tolerance) {
+  Result<void> run(uint32_t patch) {
     int depth = kTail;
     for (; depth < c_.store.depth; ++depth) {
-      auto enough = showsAllFiner(patch, depth, tolerance);
+      auto enough = showsAllFiner(patch, depth);
       if (!enough) return enough.error();
       if (*enough) break;
     }
@@ -588,16 +593,17 @@ class DepthFinder {
   }
 
  private:
-  Result<bool> showsAllFiner(uint32_t patch, int depth, double tolerance) {
+  Result<bool> showsAllFiner(uint32_t patch, int depth) {
     if (auto loaded = coarse_.load(patch, depth); !loaded) return loaded.error();
     for (int finer = depth + 1; finer <= c_.store.depth; ++finer) {
       if (auto loaded = fine_.load(patch, finer); !loaded) return loaded.error();
-      if (!showsTheSame(fine_.level(), coarse_.level(), c_.store.channels, tolerance)) return false;
+      if (!showsTheSame(fine_.level(), coarse_.level(), tolerances_)) return false;
     }
     return true;
   }
 
   Context& c_;
+  const std::vector<double> tolerances_;  // by channel
   LevelReader coarse_, fine_;
 };
 
@@ -705,15 +711,17 @@ Result<void> writeTails(const Context& c, const BuildOptions& options, PackageWr
   return {};
 }
 
-// Calls run(worker, patch) for each patch; between(patches taken so far) on the caller's thread.
-template <class PatchWorker, class Run, class Between>
-Result<void> forEachPatch(Context& context, const BuildOptions& options, int workers, Run&& run, Between&& between) {
+// Calls run(worker, patch) for each patch; each thread's worker is what makeWorker() gives. Calls between(patches taken
+// so far) on the caller's thread.
+template <class MakeWorker, class Run, class Between>
+Result<void> forEachPatch(const Context& context, const BuildOptions& options, int workers, MakeWorker&& makeWorker,
+                          Run&& run, Between&& between) {
   constexpr size_t kPatchesAJob = 16;
   const size_t patches = context.header.domain.patchCount();
   std::vector<std::optional<Error>> failed((patches + kPatchesAJob - 1) / kPatchesAJob);
   const bool whole = parallelForWith(
-      failed.size(), workers, options.interrupted, [&] { return PatchWorker(context); },
-      [&](PatchWorker& worker, size_t job) {
+      failed.size(), workers, options.interrupted, makeWorker,
+      [&](auto& worker, size_t job) {
         for (size_t p = job * kPatchesAJob; p < std::min(patches, (job + 1) * kPatchesAJob) && !failed[job]; ++p)
           if (auto done = run(worker, static_cast<uint32_t>(p)); !done) failed[job] = done.error();
       },
@@ -722,10 +730,6 @@ Result<void> forEachPatch(Context& context, const BuildOptions& options, int wor
     if (error) return *error;
   if (!whole) return Error{ErrorKind::kInterrupted, options.output, "interrupted", "nothing was written", {}};
   return {};
-}
-template <class PatchWorker, class Run>
-Result<void> forEachPatch(Context& context, const BuildOptions& options, int workers, Run&& run) {
-  return forEachPatch<PatchWorker>(context, options, workers, run, [](size_t) {});
 }
 
 // Samples on shared sides and corners are the same from all sides, or the surface has a crack.
@@ -809,10 +813,9 @@ Result<void> makeSpills(Context& context, SpillBudget& spills) {
 Result<void> findTextureDepths(Context& context, PackageHeader& header, const BuildOptions& options, int workers) {
   const double tolerance = options.texture_tolerance;
   if (header.compact && tolerance >= 0) {
-    auto found =
-        forEachPatch<DepthFinder>(context, options, workers, [tolerance](DepthFinder& finder, uint32_t patch) {
-          return finder.run(patch, tolerance);
-        });
+    auto found = forEachPatch(
+        context, options, workers, [&] { return DepthFinder(context, tolerance); },
+        [](DepthFinder& finder, uint32_t patch) { return finder.run(patch); }, [](size_t) {});
     if (!found) return found;
     const auto less = [&](int8_t depth) { return depth < header.domain.texture_depth; };
     header.texture_depths = std::any_of(context.texture_depths.begin(), context.texture_depths.end(), less);
@@ -866,9 +869,9 @@ Result<BuildReport> buildPatchPackage(const PatchSource& source, const BuildOpti
   makeRoom(context);
   listCorners(context);
   const Workforce force = workersThatFit(workerBytes(context), options, patches);
-  auto described = forEachPatch<PatchRelief>(context, options, force.workers, [](PatchRelief& relief, uint32_t patch) {
-    return relief.describe(patch);
-  });
+  auto described = forEachPatch(
+      context, options, force.workers, [&] { return PatchRelief(context); },
+      [](PatchRelief& relief, uint32_t patch) { return relief.describe(patch); }, [](size_t) {});
   if (!described) return described.error();
   if (auto sound = checkBorders(context); !sound) return sound.error();
   // Before the longest part, not behind it.
@@ -876,8 +879,9 @@ Result<BuildReport> buildPatchPackage(const PatchSource& source, const BuildOpti
   SpillBudget spills{std::min(force.left_bytes, options.kept_bytes), options.output};
   if (auto made = makeSpills(context, spills); !made) return made.error();
   const uint64_t patch_texels = d.patchPx() * d.patchPx();
-  auto kept = forEachPatch<TexelKeeper>(
-      context, options, force.workers, [](TexelKeeper& keeper, uint32_t patch) { return keeper.run(patch); },
+  auto kept = forEachPatch(
+      context, options, force.workers, [&] { return TexelKeeper(context); },
+      [](TexelKeeper& keeper, uint32_t patch) { return keeper.run(patch); },
       [&](size_t done) { reporter.reportTexels(done * patch_texels); });
   if (!kept) return kept.error();
   if (auto found = findTextureDepths(context, header, options, force.workers); !found) return found.error();

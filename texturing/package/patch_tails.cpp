@@ -69,7 +69,8 @@ void tailsFromPages(const PageSource& source, const TextureFormat& format, bool 
       std::lock_guard lock(mutex);
       tails.failures.add(id, loaded.error());
       if (problems)
-        problems->push_back("the page of " + describePage(id) + (loaded.error().offset ? " is damaged" : " is missing") +
+        problems->push_back("the page of " + describePage(id) +
+                            (loaded.error().offset ? " is damaged" : " is missing") +
                             ", a neutral one stands in: " + loaded.error().text());
     };
     if (relief) {

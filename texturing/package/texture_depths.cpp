@@ -1,5 +1,6 @@
 #include "texturing/package/texture_depths.h"
 
+#include <algorithm>
 #include <cassert>
 #include <cmath>
 #include <cstdlib>
@@ -29,13 +30,21 @@ std::vector<Between> placesAlong(const BorderedLevel& fine, const BorderedLevel&
 
 }  // namespace
 
-bool showsTheSame(const BorderedLevel& fine, const BorderedLevel& coarse, int channels, double tolerance) {
+std::vector<double> channelTolerances(const TextureFormat& format, double tolerance) {
+  std::vector<double> out(static_cast<size_t>(format.channels()), tolerance);
+  constexpr size_t kFirstOfNormal = 3;
+  if (format.basis == Basis::kAlbedoNormal)
+    std::fill(out.begin() + kFirstOfNormal, out.end(), kNormalTolerance * tolerance);
+  return out;
+}
+
+bool showsTheSame(const BorderedLevel& fine, const BorderedLevel& coarse, std::span<const double> tolerances) {
   assert(fine.border >= 1 && coarse.border >= 1 && coarse.side <= fine.side && fine.side % coarse.side == 0);
   const std::vector<Between> places = placesAlong(fine, coarse);
   const auto parts = static_cast<int64_t>(2 * (fine.side / coarse.side)), whole = parts * parts;
-  const auto most = static_cast<int64_t>(std::floor(tolerance * static_cast<double>(whole)));
   const size_t stride = coarse.stride();
-  for (size_t channel = 0; channel < static_cast<size_t>(channels); ++channel) {
+  for (size_t channel = 0; channel < tolerances.size(); ++channel) {
+    const auto most = static_cast<int64_t>(std::floor(tolerances[channel] * static_cast<double>(whole)));
     const uint8_t* texel = fine.texels.data() + channel * fine.stride() * fine.stride() +
                            (fine.border - 1) * fine.stride() + fine.border - 1;
     const uint8_t* plane = coarse.texels.data() + channel * stride * stride;
@@ -43,9 +52,8 @@ bool showsTheSame(const BorderedLevel& fine, const BorderedLevel& coarse, int ch
       const uint8_t *above = plane + y.first * stride, *below = above + stride;
       for (size_t i = 0; i < places.size(); ++i) {
         const Between& x = places[i];
-        const int64_t shown =
-            (above[x.first] * x.weight + above[x.first + 1] * x.next_weight) * y.weight +
-            (below[x.first] * x.weight + below[x.first + 1] * x.next_weight) * y.next_weight;
+        const int64_t shown = (above[x.first] * x.weight + above[x.first + 1] * x.next_weight) * y.weight +
+                              (below[x.first] * x.weight + below[x.first + 1] * x.next_weight) * y.next_weight;
         if (std::abs(texel[i] * whole - shown) > most) return false;
       }
       texel += fine.stride();

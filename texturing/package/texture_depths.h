@@ -6,12 +6,20 @@
 #include <cstddef>
 #include <cstdint>
 #include <span>
+#include <vector>
+
+#include "src/artwork/basis.h"
 
 namespace relievo {
 
-// Steps of 8 bits by which a texel may differ from what is shown in its place. A step of a normal's component is 0.45
-// degrees. Two levels that are each rounded to bytes differ by up to one step where the surface is as good as flat.
-inline constexpr double kTextureTolerance = 1;
+// Steps of 8 bits by which a texel may differ from what is shown in its place. Two levels that are each rounded to
+// bytes differ by up to one step even where both are exact.
+inline constexpr double kTextureTolerance = 2;
+// Components of normals may differ by so many times as much: with the default by 4 steps of 1/127.5, or 1.8 degrees.
+// They differ most at creases, which pages cut short as well where they are interpolated between the few samples that a
+// small patch has (geometry/bake/bake_texels.h).
+inline constexpr double kNormalTolerance = 2;
+std::vector<double> channelTolerances(const TextureFormat& format, double tolerance);
 
 // A patch's level with what lies around it, channel after channel, rows of v from 0.
 struct BorderedLevel {
@@ -21,9 +29,9 @@ struct BorderedLevel {
   size_t stride() const { return side + 2 * border; }
 };
 
-// Is each texel of `fine` within `tolerance` steps of what a bilinear filter of `coarse` gives at its centre? The
+// Is each texel of `fine` within its channel's tolerance of what a bilinear filter of `coarse` gives at its centre? The
 // texels of its border next to the patch count as well: along a side, the patch then shows what its neighbour shows, be
 // that from a page or from a coarser level. coarse.side <= fine.side. Exact: decides in integers.
-bool showsTheSame(const BorderedLevel& fine, const BorderedLevel& coarse, int channels, double tolerance);
+bool showsTheSame(const BorderedLevel& fine, const BorderedLevel& coarse, std::span<const double> tolerances);
 
 }  // namespace relievo

@@ -57,8 +57,8 @@ const TexturePages::Tails& TexturePages::tails() const {
 Result<void> TexturePages::read(PageId id, PageDecoder& decoder, std::span<uint8_t> slot) const {
   const NodeId node = id.node();
   const PatchDomain& domain = package_->manifest().domain;
-  const bool left_out = domain.nodeExists(node) && static_cast<int>(node.level) <= domain.texture_depth &&
-                        !domain.hasTexturePage(node);
+  const bool left_out =
+      domain.nodeExists(node) && static_cast<int>(node.level) <= domain.texture_depth && !domain.hasTexturePage(node);
   const auto shown = left_out ? domain.texturedNode(node) : node;
   if (!shown) return fromTail(id, slot);
   auto page = package_->read(PageId(id.plane(), *shown));
@@ -82,17 +82,19 @@ Result<void> TexturePages::fromTail(PageId id, std::span<uint8_t> slot) const {
              planes = static_cast<size_t>(package_->manifest().texture.planes());
   const Tails& all = tails();
   if (all.tails.failures.pages > 0)
-    return Error{ErrorKind::kInvalidData, package_->path(),
+    return Error{ErrorKind::kInvalidData,
+                 package_->path(),
                  "the tail of page " + describePage(id) + " may be damaged, and it has nothing else",
-                 "rebuild the package, or get a whole copy", {}};
+                 "rebuild the package, or get a whole copy",
+                 {}};
   std::vector<uint32_t> words(tailBlockTexels(0) * planes);
   all.blocks->write(node.patch, 0, words.data());
   std::vector<uint8_t> rgba(4 * tailBlockTexels(0));
   for (size_t i = 0; i < tailBlockTexels(0); ++i)
     for (size_t c = 0; c < 3; ++c) rgba[4 * i + c] = static_cast<uint8_t>(words[i * planes + plane] >> (8 * c));
   interpolate({rgba.data(), static_cast<int>(tailBlockSide(0)), 1}, int64_t{node.x} * kPagePx - kPageBorderPx,
-              int64_t{node.y} * kPagePx - kPageBorderPx, std::ldexp(double{kPagePx} / kTailTexels, static_cast<int>(node.level)),
-              slot);
+              int64_t{node.y} * kPagePx - kPageBorderPx,
+              std::ldexp(double{kPagePx} / kTailTexels, static_cast<int>(node.level)), slot);
   return {};
 }
 

@@ -1,6 +1,6 @@
-// texture_pages.h - all texture pages of a package, for tools that want the texels of a level: where a patch has no page
-// of that level (PatchDomain::textureDepths()), what shaders show there, made from the patch's finest page or from its
-// tail by bilinear filtering and rounded to bytes. const and thread-safe.
+// texture_pages.h - all texture pages of a package, for tools that want the texels of a level: where a patch has no
+// page of that level (PatchDomain::textureDepths()), what shaders show there, made from the patch's finest page or from
+// its tail by bilinear filtering and rounded to bytes. const and thread-safe.
 #pragma once
 
 #include <cstdint>

@@ -38,9 +38,9 @@ inline constexpr size_t kMaxRequests = 65536;
 // Returns the unique nodes in the order of service: coarse before fine, then near to the view's centre. All ancestors
 // of a wanted node are included, a third more pages: trilinear filtering reads the parent, and the others show while it
 // is missing. Where a patch's texture ends at a coarser level, its finest node is wanted in the place of finer ones; a
-// patch without texture pages wants none. An ancestor is as near to the centre as its nearest wanted descendant. Pixels that name no node (a
-// driver's garbage: other bits in x, levels or coordinates out of range) are dropped. Scratch memory is kept between
-// calls. The result is valid until the next call and depends on the pixels only.
+// patch without texture pages wants none. An ancestor is as near to the centre as its nearest wanted descendant. Pixels
+// that name no node (a driver's garbage: other bits in x, levels or coordinates out of range) are dropped. Scratch
+// memory is kept between calls. The result is valid until the next call and depends on the pixels only.
 class FeedbackAnalyzer {
  public:
   // domain: says which patches' textures end early; null: none does.
