@@ -156,11 +156,12 @@ class NoisyPatches : public PatchSource {
   TextureFormat format_;
 };
 
-// A ball of 54 patches with smooth texels, but for three that lie apart: two of noise, and one of waves that texture
-// level 0 can show and a tail cannot. The other patches, unless they meet one of these, need no texture pages.
+// A ball of 54 patches with smooth texels, but for four: two of noise, one of noise in its normals alone, and one of
+// waves that texture level 0 can show and a tail cannot. The other patches, unless they meet one of these, need no
+// texture pages.
 class MostlySmoothPatches final : public NoisyPatches {
  public:
-  static constexpr uint32_t kWeak = 0, kStrong = 22, kWaves = 40;
+  static constexpr uint32_t kWeak = 0, kStrong = 22, kBent = 31, kWaves = 40;
   static constexpr double kRadiusMm = 100;
   explicit MostlySmoothPatches(uint64_t seed, int texture_depth = 1)
       : NoisyPatches(cubeSphere(3, kRadiusMm, seed), texture_depth, 0, seed) {}
@@ -175,6 +176,7 @@ class MostlySmoothPatches final : public NoisyPatches {
           double value = c < 3 ? 128 + 40 * at[c] : 127.5 + 100 * at[c - 3];
           const auto random = static_cast<double>(mixBits(i * 131 + patch) % 1000) / 1000 - 0.5;
           if (patch == kWeak) value += 12 * random;
+          if (patch == kBent && c >= 3) value += 14 * random;
           if (patch == kStrong) value += 50 * random;
           if (patch == kWaves)  // fading towards the sides
             value += 40 * std::sin(20 * x / side) * std::sin(3.1416 * (x + 0.5) / side) *
