@@ -87,6 +87,22 @@ void loadTail(float beyond) {
 }
 #endif
 
+#if defined(TAILS) && defined(ANISOTROPY)
+// What shows where the patch has no page at all: the tail's finest level at each of the footprint's taps.
+void sampleTailTaps(Footprint f, out vec3 channels[PLANES]) {
+  const float reach = 0.48 / 16.0;  // texels of 16: the tail's border is one of them
+  Place root = placeAtLevel(0);
+  int count = tapCount(f.ratio);
+  for (int k = 0; k < PLANES; ++k) channels[k] = vec3(0.0);
+  for (int i = 0; i < count; ++i) {
+    vec2 tap = tapAt(i, count, f.ratio);
+    vec3 one[PLANES];
+    filterTailLevel(root.node.x, clamp(localAt(root, tapPlace(tap.x, f)), -reach, 1.0 + reach), 0, one);
+    for (int k = 0; k < PLANES; ++k) channels[k] += one[k] * (tap.y / f.ratio);
+  }
+}
+#endif
+
 void filterNode(uvec4 entry, uint index, vec2 local, out vec3 channels[PLANES]) {
   vec2 p = local * float(kPagePx) + float(kPageBorderPx);
 #ifdef NO_BORDERS
@@ -223,7 +239,9 @@ int sampleLevel(Place wanted, out vec3 channels[PLANES]) {
   uvec4 entry;
   uint index;
   if (!findResident(place, entry, index)) {
-#ifdef TAILS
+#if defined(TAILS) && defined(ANISOTROPY)
+    sampleTailTaps(f, channels);
+#elif defined(TAILS)
     channels = g_tail;
 #else
     for (int k = 0; k < PLANES; ++k) channels[k] = vec3(128.0);

@@ -38,12 +38,9 @@ void filterTailLevel(uint patch_index, vec2 uv, int level, out vec3 channels[PLA
   uint first = u_tail_patches * tailBlockAt(level) + patch_index * (side * side);
   vec2 p = uv * float(16 >> level) + 0.5;
 #ifdef NEAREST
-  uvec2 at = uvec2(p + 0.5);
-  for (uint g = 0u; g < kGroups; ++g) {
-    TailTexel t = tailTexel((first + at.y * side + at.x) * kGroups + g);
-    for (int k = 0; k < TAIL_WORDS; ++k) channels[int(g) * TAIL_WORDS + k] = t.planes[k];
-  }
-#else
+  // The finest level stands for all pages that a patch does not have: these show what a bilinear filter makes of it.
+  if (level > 0) p = min(floor(p + 0.5), vec2(float(16 >> level)));
+#endif
   vec2 corner = floor(p);
   vec2 f = p - corner;
   uint at = (first + uint(corner.y) * side + uint(corner.x)) * kGroups;
@@ -56,5 +53,4 @@ void filterTailLevel(uint patch_index, vec2 uv, int level, out vec3 channels[PLA
       channels[int(g) * TAIL_WORDS + k] = top + (bottom - top) * f.y;
     }
   }
-#endif
 }

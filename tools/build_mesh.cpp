@@ -721,6 +721,7 @@ Result<void> MeshBuild::pack() {
   if (a_.up != 'y') result_.mesh["up"] = std::string(1, a_.up);
   if (a_.rotate_deg != glm::dvec3(0)) result_.mesh["rotate_deg"] = {a_.rotate_deg.x, a_.rotate_deg.y, a_.rotate_deg.z};
   BuildOptions package = a_.package;
+  package.texture_tolerance = a_.texture_tolerance;
   package.manifest_extra =
       nlohmann::ordered_json{{"mesh", result_.mesh}}.dump(-1, ' ', false, nlohmann::json::error_handler_t::replace);
   // The scan and what it was baked into stay in memory beside; the rest of the budget, but for the least, is the
@@ -745,6 +746,12 @@ Result<void> MeshBuild::pack() {
     auto relief = planeUsage(**opened, Plane::kRelief);
     if (!relief) return relief.error();
     result_.relief_bytes = relief->bytes + (*opened)->header().base_bytes;
+    const PatchDomain& domain = (*opened)->manifest().domain;
+    result_.texture_tolerance = a_.texture_tolerance;
+    for (int level = 0; level <= domain.texture_depth; ++level) {
+      result_.texture_nodes += domain.nodeCount(level);
+      result_.texture_nodes_left_out += domain.nodeCount(level) - domain.texturedNodeCount(level);
+    }
   }
   return {};
 }
@@ -804,6 +811,13 @@ void MeshBuild::printSummary() const {
   printOutf("%s: %llu pages, %.1f MiB, %.1f s (%s), in at most %.0f MiB of memory\n%s", a_.package.output.c_str(),
             static_cast<unsigned long long>(result_.pages), static_cast<double>(result_.package_bytes) / (1 << 20),
             seconds, each.c_str(), static_cast<double>(peak) / (1 << 20), meshText(result_.mesh).c_str());
+  if (result_.texture_nodes_left_out > 0)
+    printOutf(
+        "  texture   %llu of %llu nodes have no pages: what is coarser shows them within %.3g of 255 steps "
+        "(normals %.3g degrees)\n",
+        static_cast<unsigned long long>(result_.texture_nodes_left_out),
+        static_cast<unsigned long long>(result_.texture_nodes), result_.texture_tolerance,
+        glm::degrees(kNormalTolerance * result_.texture_tolerance / 127.5));
   const Fidelity& f = result_.fidelity;
   auto way = [&](const char* name, const OneSidedFidelity& w) {
     printOutf("  %-9s RMS %s, 99.9 %% within %s, all within %s; %.4g %% of the area beyond %s\n", name,

@@ -10,6 +10,7 @@
 #include "src/base/result.h"
 #include "texturing/import/image_io.h"
 #include "texturing/package/package_builder.h"
+#include "texturing/package/texture_depths.h"
 
 namespace relievo {
 
@@ -30,6 +31,7 @@ struct MeshBuildArguments {
   char up = 'y';                  // the file's axis that points up: x, y or z
   glm::dvec3 rotate_deg{0};       // and then about x, y and z
   bool quiet = false;             // nothing is said on standard output
+  double texture_tolerance = kTextureTolerance;     // BuildOptions::texture_tolerance
   std::vector<std::string>* named_files = nullptr;  // gets the files that the mesh names, there or not
 };
 

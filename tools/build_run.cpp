@@ -24,7 +24,11 @@ void watch(BuildOptions& options, ProgressLine& line) {
   options.interrupted = &interruptedFlag();
   options.note = [](const std::string& text) { std::fprintf(stderr, "relievo: note: %s\n", text.c_str()); };
   options.progress = [&line](const BuildProgress& p) {
-    double fraction = p.pages_total ? static_cast<double>(p.pages_done) / static_cast<double>(p.pages_total) : 0;
+    auto share = [](uint64_t done, uint64_t total) {
+      return total > 0 ? static_cast<double>(done) / static_cast<double>(total) : 0;
+    };
+    // Over a base mesh all texels are made before the first page is written.
+    const double fraction = 0.5 * (share(p.pages_done, p.pages_total) + share(p.texels_done, p.texels_total));
     char text[160];
     std::snprintf(text, sizeof text, "%llu of %llu pages, %.1f MPix/s, %s left",
                   static_cast<unsigned long long>(p.pages_done), static_cast<unsigned long long>(p.pages_total),

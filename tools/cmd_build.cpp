@@ -26,6 +26,7 @@ struct BuildArguments {
   uint32_t patches = 0;
   std::string tolerance;
   bool strict = false;
+  double texture_tolerance = kTextureTolerance;
   std::string encoding = "lossless", coefficients, colour;
   int quality = 90;
   bool stretch_relief = false, allow_outside = false;
@@ -186,9 +187,23 @@ Result<void> build(const BuildArguments& o) {
                                 .max_packing = o.max_packing};
   if (!o.mesh.empty()) {
     const std::vector<double> turn = numbersOf(o.rotate, 3).value_or(std::vector<double>(3));
-    return buildFromMesh({o.mesh, o.texture, o.ptm, o.unit, o.patches, toleranceIn(o.tolerance, "mm"),
-                          toleranceIn(o.tolerance, "%") / 100, o.strict, o.report, o.json_file, o.allow_outside, limits,
-                          options, o.up[0], glm::dvec3(turn[0], turn[1], turn[2])});
+    MeshBuildArguments mesh{o.mesh,
+                            o.texture,
+                            o.ptm,
+                            o.unit,
+                            o.patches,
+                            toleranceIn(o.tolerance, "mm"),
+                            toleranceIn(o.tolerance, "%") / 100,
+                            o.strict,
+                            o.report,
+                            o.json_file,
+                            o.allow_outside,
+                            limits,
+                            options,
+                            o.up[0],
+                            glm::dvec3(turn[0], turn[1], turn[2])};
+    mesh.texture_tolerance = o.texture_tolerance;
+    return buildFromMesh(mesh);
   }
   options.resume = o.resume;
   options.checkpoint_s = o.checkpoint_s;
@@ -294,6 +309,14 @@ CLI::Option* addInputOptions(CLI::App& c, BuildArguments& o) {
        "--patches given: exit code 7 [0.03%]")
       ->check(tolerance)
       ->needs(mesh);
+  c.add_option(
+       "--texture-tolerance", o.texture_tolerance,
+       "Leave out texture pages whose texels all lie within so many steps of 1/255 of what a coarser page, or the "
+       "patch's 16x16 texels that are always resident, shows there; of normals, a step counts 0.9 degrees; -1: "
+       "keep all")
+      ->check(CLI::Range(-1.0, 255.0))
+      ->needs(mesh)
+      ->capture_default_str();
   c.add_flag("--strict", o.strict, "Write nothing where the tolerance is missed, and exit with 7")->needs(mesh);
   c.add_option("--report", o.report, "Write this HTML file: diagnosis, distances with a picture, time and memory")
       ->needs(mesh);

@@ -8,7 +8,10 @@
 
 #include <algorithm>
 #include <cstdint>
+#include <memory>
 #include <optional>
+#include <utility>
+#include <vector>
 
 #include "src/artwork/node_id.h"
 
@@ -98,6 +101,11 @@ struct FlatDomain : PatchMeasures, FlatExtent {
   }
 };
 
+// Of each patch over a base mesh its finest texture level, at most texture_depth. A patch without any page has
+// kNoTexturePage: its tail (base_mesh.h) shows all that there is.
+using TextureDepths = std::vector<int8_t>;
+inline constexpr int8_t kNoTexturePage = -1;
+
 class PatchDomain : public PatchMeasures {
  public:
   PatchDomain() : PatchDomain(FlatDomain{}) {}
@@ -121,22 +129,55 @@ class PatchDomain : public PatchMeasures {
     if (isFlat()) return flat().nodeExists(n);
     return n.patch < mesh_patches_ && n.level <= kMaxNodeLevel && (n.x >> n.level) == 0 && (n.y >> n.level) == 0;
   }
+  // Texture pages of a patch may end at a coarser level than texture_depth: where nothing finer exists, the coarser
+  // level or the tail shows the same. Null: all patches have all levels.
+  void setTextureDepths(std::shared_ptr<const TextureDepths> depths) { texture_depths_ = std::move(depths); }
+  const std::shared_ptr<const TextureDepths>& textureDepths() const { return texture_depths_; }
+  int textureDepthOf(uint32_t patch) const { return texture_depths_ ? (*texture_depths_)[patch] : texture_depth; }
+  // The node itself, or its finest ancestor that has texture pages. Nothing: its patch has none.
+  std::optional<NodeId> texturedNode(const NodeId& n) const {
+    const int depth = textureDepthOf(n.patch);
+    if (depth < 0) return std::nullopt;
+    return n.ancestor(std::min(n.level, static_cast<uint32_t>(depth)));
+  }
+  bool hasTexturePage(const NodeId& n) const {
+    return nodeExists(n) && static_cast<int>(n.level) <= textureDepthOf(n.patch);
+  }
+  // Is there a patch that only its tail shows?
+  bool hasUntexturedPatch() const {
+    return texture_depths_ &&
+           std::find(texture_depths_->begin(), texture_depths_->end(), kNoTexturePage) != texture_depths_->end();
+  }
+
   // Existing nodes of a level, in all patches.
   uint64_t nodeCount(int level) const {
     if (!isFlat()) return uint64_t{mesh_patches_} << (2 * level);
     const NodeGrid grid = flat().nodeGrid(level);
     return grid.columns * grid.rows;
   }
+  // Those that have texture pages.
+  uint64_t texturedNodeCount(int level) const {
+    if (!texture_depths_) return level <= texture_depth ? nodeCount(level) : 0;
+    const auto patches = std::count_if(texture_depths_->begin(), texture_depths_->end(),
+                                       [level](int8_t depth) { return depth >= level; });
+    return static_cast<uint64_t>(patches) << (2 * level);
+  }
   // Texels of the finest level, those of all patches.
   double texelCount() const {
     if (!isFlat()) return static_cast<double>(mesh_patches_) * static_cast<double>(patchPx() * patchPx());
     return static_cast<double>(extent_->width_px) * static_cast<double>(extent_->height_px);
   }
-  friend bool operator==(const PatchDomain&, const PatchDomain&) = default;
+  friend bool operator==(const PatchDomain& a, const PatchDomain& b) {
+    const bool same_depths = a.texture_depths_ == b.texture_depths_ ||
+                             (a.texture_depths_ && b.texture_depths_ && *a.texture_depths_ == *b.texture_depths_);
+    return same_depths && static_cast<const PatchMeasures&>(a) == static_cast<const PatchMeasures&>(b) &&
+           a.extent_ == b.extent_ && a.mesh_patches_ == b.mesh_patches_;
+  }
 
  private:
   std::optional<FlatExtent> extent_;
   uint32_t mesh_patches_ = 0;  // over a base mesh
+  std::shared_ptr<const TextureDepths> texture_depths_;
 };
 
 }  // namespace relievo

@@ -181,9 +181,8 @@ struct Engine::Impl {
                      .relief_pages = 0,
                      .max_slots = PagePool::maxSlots()};
     for (int level = 0; level <= std::max(domain().texture_depth, domain().relief_depth); ++level) {
-      const uint64_t nodes = domain().nodeCount(level);
-      if (level <= domain().texture_depth) needs.texture_pages += nodes * of.texture_planes.size();
-      if (level <= domain().relief_depth) needs.relief_pages += nodes;
+      needs.texture_pages += domain().texturedNodeCount(level) * of.texture_planes.size();
+      if (level <= domain().relief_depth) needs.relief_pages += domain().nodeCount(level);
     }
     return needs;
   }
@@ -464,8 +463,10 @@ struct Engine::Impl {
     updateShadows();
     target.begin();
     // Where no pixel asks for a page, or there is none, nothing is looked up: the same picture, for half the cost.
-    const gl::Program& program =
-        tails && (demand->requests().empty() || shownTable().size() == 0) ? programs.tails : programs.shade;
+    // But with anisotropy, a patch that has no page shows its tail along the pixel's footprint.
+    const bool no_look_up = demand->requests().empty() || shownTable().size() == 0;
+    const bool only_tails = no_look_up && !(plan.anisotropy > 1 && domain().hasUntexturedPatch());
+    const gl::Program& program = tails && only_tails ? programs.tails : programs.shade;
     program.use();
     pool->bind(program, shownTable());
     bindSurface(program);
@@ -700,7 +701,7 @@ Result<std::unique_ptr<Engine>> Engine::create(Artwork artwork, const Scene& sce
   impl->context = gl::currentContextInfo();
   impl->plan = planEffects(scene, impl->artwork.manifest);
   const Manifest& manifest = impl->artwork.manifest;
-  const bool with_tails = impl->overMesh() && manifest.domain.patchCount() > options.most_pinned_patches;
+  const bool with_tails = drawnWithTails(manifest.domain, options.most_pinned_patches);
   if (with_tails)
     impl->stats.tail_bytes =
         tailGpuBytes(manifest.domain.patchCount(), static_cast<uint64_t>(manifest.texture.planes()));
@@ -754,7 +755,7 @@ Result<std::unique_ptr<Engine>> Engine::create(Artwork artwork, const Scene& sce
   impl->screen = std::make_unique<ScreenPass>(depth);
   // Over a base mesh the pass alone knows: a texture's density varies over its patches.
   impl->demand = std::make_unique<TextureDemand>(impl->overMesh() ? RequestSource::kFeedback : options.request_source,
-                                                 impl->options.feedback_scale, impl->context.software);
+                                                 impl->options.feedback_scale, impl->context.software, impl->domain());
   if (const Manifest& m = impl->artwork.manifest; !m.domain.isFlat()) {
     impl->corners = std::make_unique<BaseCorners>(m.base);
     auto lod =

@@ -35,7 +35,7 @@ inline constexpr int kMaxFeedbackInterval = 16;
 struct EngineOptions {
   double cache_mib = 256;  // all planes together, and the patches' tails
   // Artworks over a base mesh of more patches than this pin no page: the patches' tails take the place of their root
-  // pages (texturing/package/patch_tails.h).
+  // pages (texturing/package/patch_tails.h). So do those with patches that have no root page.
   uint32_t most_pinned_patches = 64;
   // Over a base mesh: relief pages of few samples take less than half a slot (texturing/stream/relief_subslots.h).
   // False serves for comparison.
@@ -55,6 +55,10 @@ struct EngineOptions {
   uint32_t uploads_per_frame = 64;
   const std::atomic<bool>* interrupted = nullptr;  // polled: once set, create() and settle() give up
 };
+
+inline bool drawnWithTails(const PatchDomain& domain, uint32_t most_pinned_patches) {
+  return !domain.isFlat() && (domain.patchCount() > most_pinned_patches || domain.hasUntexturedPatch());
+}
 
 struct FaultInjection;
 

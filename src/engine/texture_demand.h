@@ -35,8 +35,9 @@ class TextureDemand {
   // Draws the pixels that the grid picks; tap_phase: shaders/feedback.frag.
   using Draw = std::function<void(const FeedbackGrid& grid, int tap_phase)>;
 
-  TextureDemand(RequestSource source, int scale, bool software_gl)
-      : source_(source), scale_(scale), pass_(software_gl) {}
+  // domain outlives it.
+  TextureDemand(RequestSource source, int scale, bool software_gl, const PatchDomain& domain)
+      : source_(source), scale_(scale), pass_(software_gl), analyzer_(&domain) {}
 
   bool usesFeedback() const { return source_ != RequestSource::kGeometry; }
   bool usesGeometry() const { return source_ != RequestSource::kFeedback; }

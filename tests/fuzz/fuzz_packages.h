@@ -1,6 +1,7 @@
 // fuzz_packages.h - small packages of every kind, from the project's own builders: what fuzzing begins with.
 #pragma once
 
+#include <algorithm>
 #include <cstdio>
 #include <fstream>
 #include <iterator>
@@ -24,6 +25,17 @@ class SmoothPatches final : public testing_support::NoisyPatches {
   using NoisyPatches::NoisyPatches;
   uint16_t height(uint32_t /*patch*/, int x, int y) const override {
     return static_cast<uint16_t>(20000 + 3 * std::abs(x - cells() / 2) + 5 * y);
+  }
+};
+
+// Noise on the last patch alone: the first one needs no texture pages, the others do.
+class PartlyPlainPatches final : public testing_support::NoisyPatches {
+ public:
+  using NoisyPatches::NoisyPatches;
+  Result<void> texels(uint32_t patch, std::span<uint8_t> out) const override {
+    if (patch + 1 == base().patches.size()) return NoisyPatches::texels(patch, out);
+    std::fill(out.begin(), out.end(), uint8_t{100});
+    return {};
   }
 };
 
@@ -59,6 +71,16 @@ inline std::vector<std::vector<uint8_t>> samplePackages() {
           {glm::vec3(10.0f * static_cast<float>(k % 3), -10.0f * static_cast<float>(k / 3), 0), glm::vec3(0, 0, 1)});
     mesh.patches = {{0, 1, 3, 4}, {1, 2, 4, 5}};
     auto built = buildPatchPackage(SmoothPatches(mesh, 0, 0, 3), options);
+    require(built.ok(), built ? "" : built.error().text());
+  });
+  add([](BuildOptions& options) {
+    BaseMesh mesh;
+    for (int k = 0; k < 8; ++k)
+      mesh.corners.push_back(
+          {glm::vec3(10.0f * static_cast<float>(k % 4), -10.0f * static_cast<float>(k / 4), 0), glm::vec3(0, 0, 1)});
+    mesh.patches = {{0, 1, 4, 5}, {1, 2, 5, 6}, {2, 3, 6, 7}};
+    options.texture_tolerance = 1;
+    auto built = buildPatchPackage(PartlyPlainPatches(mesh, 0, 0, 3), options);
     require(built.ok(), built ? "" : built.error().text());
   });
   return out;

@@ -14,6 +14,7 @@
 #include "tests/fuzz/fuzz_packages.h"
 #include "texturing/codec/page_codec.h"
 #include "texturing/package/package.h"
+#include "texturing/package/package_base.h"
 #include "texturing/package/package_layout.h"
 
 namespace relievo::fuzz {
@@ -69,6 +70,14 @@ void seal(std::vector<uint8_t>& file, bool both_headers) {
   };
   sealHeader();
   if (auto header = decodeHeader(std::span(file).first(kHeaderBytes), "")) {
+    if (header->texture_depths && inside(header->base_offset, header->base_bytes)) {
+      const uint32_t patches = header->domain.patchCount();
+      auto raw =
+          unpackBaseSection({h + header->base_offset, header->base_bytes}, patches, BaseSectionEnd::kTextureDepths);
+      auto base = raw.ok() ? decodeBaseSection(*raw, patches) : Result<BaseSection>(raw.error());
+      if (base.ok() && textureDepthsProblem(*header, base->texture_depths).empty())
+        header->domain.setTextureDepths(std::make_shared<const TextureDepths>(std::move(base->texture_depths)));
+    }
     const PackageLayout layout = packageLayout(*header);
     auto tree = [&](const IndexLayout& index, uint32_t node_bytes, uint32_t entry_bytes) {
       int left = kBlocks;

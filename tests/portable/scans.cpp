@@ -7,10 +7,12 @@
 #include <cmath>
 #include <cstdio>
 #include <cstdlib>
+#include <memory>
 #include <vector>
 
 #include "texturing/codec/page_codec.h"
 #include "texturing/package/package.h"
+#include "texturing/package/texture_pages.h"
 
 using namespace relievo;
 
@@ -67,16 +69,17 @@ bool sameHeights(const Package& a, const Package& b) {
   return furthest_mm <= most_mm && far * 1000 <= all;
 }
 
-bool sameTexels(const Package& a, const Package& b) {
-  const Manifest& m = a.manifest();
+bool sameTexels(const std::shared_ptr<const Package>& a, const std::shared_ptr<const Package>& b) {
+  const Manifest& m = a->manifest();
   PageDecoder decoder;
-  std::vector<uint8_t> p(kTexturePageBytes), q(kTexturePageBytes);
+  const TexturePages from_a(a), from_b(b);
+  std::vector<uint8_t> p(kSlotBytes), q(kSlotBytes);
   int furthest = 0;
   for (int k = 0; k < m.texture.planes(); ++k) {
     forEachNode(m.domain, m.domain.texture_depth, [&](const NodeId& node) {
       const PageId id(texturePlane(k), node);
-      if (auto done = decoder.decodeTexture(valueOf(a.read(id)).bytes, p); !done) stop(done.error());
-      if (auto done = decoder.decodeTexture(valueOf(b.read(id)).bytes, q); !done) stop(done.error());
+      if (auto done = from_a.read(id, decoder, p); !done) stop(done.error());
+      if (auto done = from_b.read(id, decoder, q); !done) stop(done.error());
       for (size_t i = 0; i < p.size(); ++i) furthest = std::max(furthest, std::abs(p[i] - q[i]));
     });
   }
@@ -90,6 +93,6 @@ int main(int argc, char** argv) {
   if (argc != 3) return std::fprintf(stderr, "usage: portable_scans A B\n"), 1;
   const auto a = valueOf(Package::open(argv[1])), b = valueOf(Package::open(argv[2]));
   if (!sameLayout(a->manifest(), b->manifest())) return std::printf("other base meshes or pages\n"), 7;
-  const bool heights = sameHeights(*a, *b), texels = sameTexels(*a, *b);
+  const bool heights = sameHeights(*a, *b), texels = sameTexels(a, b);
   return heights && texels ? 0 : 7;
 }

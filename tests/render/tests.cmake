@@ -95,6 +95,7 @@ if(RELIEVO_GL_TESTS)  # once more without BC7, and without copies of compressed 
     "MESA_EXTENSION_OVERRIDE=${missing}")
 endif()
 relievo_gltest(mesh_ptm_gltest RUNS GL_ONLY LIBS relievo_image relievo_stream relievo_import SOURCES render/mesh_ptm_gltest.cpp)
+relievo_gltest(texture_depths_gltest LIBS relievo_engine relievo_stream relievo_import SOURCES render/texture_depths_gltest.cpp)
 relievo_gltest(patch_tails_gltest LIBS relievo_engine relievo_lod SOURCES render/patch_tails_gltest.cpp)
 relievo_gltest(depth_gltest LIBS relievo_engine relievo_lod SOURCES render/depth_gltest.cpp)
 foreach(name depth_gltest mesh_picture_gltest)  # once more without clip control, where depth is conventional

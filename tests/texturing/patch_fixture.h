@@ -163,4 +163,35 @@ class NoisyPatches : public PatchSource {
   TextureFormat format_;
 };
 
+// A ball of 54 patches with smooth texels, but for four: two of noise, one of noise in its normals alone, and one of
+// waves that texture level 0 can show and a tail cannot. The other patches, unless they meet one of these, need no
+// texture pages.
+class MostlySmoothPatches final : public NoisyPatches {
+ public:
+  static constexpr uint32_t kWeak = 0, kStrong = 22, kBent = 31, kWaves = 40;
+  static constexpr double kRadiusMm = 100;
+  explicit MostlySmoothPatches(uint64_t seed, int texture_depth = 1)
+      : NoisyPatches(cubeSphere(3, kRadiusMm, seed), texture_depth, 0, seed) {}
+  uint16_t height(uint32_t /*patch*/, int /*x*/, int /*y*/) const override { return 27'306; }  // about 0 mm
+  Result<void> texels(uint32_t patch, std::span<uint8_t> out) const override {
+    size_t i = 0;
+    const double side = texelSide();
+    for (int c = 0; c < format().channels(); ++c)
+      for (int y = 0; y < texelSide(); ++y)
+        for (int x = 0; x < texelSide(); ++x, ++i) {
+          const glm::dvec3 at = glm::normalize(base().point(patch, (x + 0.5) / side, (y + 0.5) / side) / kRadiusMm);
+          double value = c < 3 ? 128 + 40 * at[c] : 127.5 + 100 * at[c - 3];
+          const auto random = static_cast<double>(mixBits(i * 131 + patch) % 1000) / 1000 - 0.5;
+          if (patch == kWeak) value += 12 * random;
+          if (patch == kBent && c >= 3) value += 14 * random;
+          if (patch == kStrong) value += 50 * random;
+          if (patch == kWaves)  // fading towards the sides
+            value += 40 * std::sin(20 * x / side) * std::sin(3.1416 * (x + 0.5) / side) *
+                     std::sin(3.1416 * (y + 0.5) / side) * std::sin(3.1416 * (x + 0.5) / side);
+          out[i] = static_cast<uint8_t>(std::lround(std::clamp(value, 0.0, 255.0)));
+        }
+    return {};
+  }
+};
+
 }  // namespace relievo::testing_support

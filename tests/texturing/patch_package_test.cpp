@@ -724,12 +724,13 @@ TEST_F(BaseOfPackage, hostileHeaderFieldsAreRefused) {
   EXPECT_NE(refusal(), "");
   setField(96, uint64_t{127});
   EXPECT_NE(refusal(), "");
-  // Version 1 knows no albedo and normal, version 3 no basis by its number, version 4 says how it stores things, and
-  // version 5 is yet to come.
+  // Version 1 knows no albedo and normal, version 3 no basis by its number, versions 4 and 5 say how they store things,
+  // and version 6 is yet to come.
   EXPECT_NE(withField(8, uint32_t{1}).find("expected basis 0, 1 or 2, found 3"), std::string::npos);
   EXPECT_NE(withField(8, uint32_t{3}).find("expected no number of a basis in version 3, found 3"), std::string::npos);
   EXPECT_NE(withField(8, uint32_t{4}).find("expected storage of kind 1 in version 4, found 0"), std::string::npos);
-  EXPECT_NE(withField(8, uint32_t{5}).find("version 1 to 4, found 5"), std::string::npos);
+  EXPECT_NE(withField(8, uint32_t{5}).find("expected storage of kind 1 in version 5, found 0"), std::string::npos);
+  EXPECT_NE(withField(8, uint32_t{6}).find("version 1 to 5, found 6"), std::string::npos);
 }
 
 TEST_F(BaseOfPackage, hostileSectionsAreRefusedByName) {

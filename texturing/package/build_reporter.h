@@ -19,6 +19,11 @@ class BuildReporter {
     if (part) progress_.pages_done += part->pages.size(), progress_.texels_done += part->texels;
     if (seconds() - last_report_s_ >= kSecondsBetween) tell();
   }
+  // So many finest texels are done so far.
+  void reportTexels(uint64_t done) {
+    progress_.texels_done = done;
+    report(nullptr);
+  }
   void reportEnd() { tell(); }
 
   uint64_t pagesDone() const { return progress_.pages_done; }

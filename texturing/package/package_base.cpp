@@ -13,9 +13,10 @@
 namespace relievo {
 namespace {
 
-// Calls f(first byte, bytes a record, records) for each of the section's arrays.
+// Calls f(first byte, bytes a record, records) for each of the arrays of a section that ends with shapes or behind
+// them.
 template <class F>
-void forEachArray(uint64_t corners, uint64_t patches, F f) {
+void forEachArray(uint64_t corners, uint64_t patches, BaseSectionEnd end, F f) {
   f(0, kBaseHeadBytes, 1);
   f(kBaseHeadBytes, kBaseCornerBytes, corners);
   uint64_t at = kBaseHeadBytes + kBaseCornerBytes * corners;
@@ -23,6 +24,7 @@ void forEachArray(uint64_t corners, uint64_t patches, F f) {
     f(at, record, patches);
     at += record * patches;
   }
+  if (end == BaseSectionEnd::kTextureDepths) f(at, kBaseTextureDepthBytes, patches);
 }
 
 }  // namespace
@@ -30,9 +32,10 @@ void forEachArray(uint64_t corners, uint64_t patches, F f) {
 std::vector<uint8_t> encodeBaseSection(const BaseSection& section) {
   const BaseMesh& mesh = section.mesh;
   std::vector<uint8_t> out(baseSectionBytes(mesh.corners.size(), mesh.patches.size(),
-                                            !section.shapes.empty()   ? BaseSectionEnd::kShapes
-                                            : !section.slopes.empty() ? BaseSectionEnd::kSlopes
-                                                                      : BaseSectionEnd::kBlocks));
+                                            !section.texture_depths.empty() ? BaseSectionEnd::kTextureDepths
+                                            : !section.shapes.empty()       ? BaseSectionEnd::kShapes
+                                            : !section.slopes.empty()       ? BaseSectionEnd::kSlopes
+                                                                            : BaseSectionEnd::kBlocks));
   uint8_t* p = out.data();
   auto put = [&](auto v) {
     storeLittle(p, v);
@@ -56,6 +59,7 @@ std::vector<uint8_t> encodeBaseSection(const BaseSection& section) {
     for (float f : {s.min_u, s.max_u, s.min_v, s.max_v}) put(f);
   for (const CoarseShapes& shapes : section.shapes)
     for (const DeviationShape& s : shapes) put(s);
+  for (int8_t depth : section.texture_depths) put(static_cast<uint8_t>(depth + 1));
   return out;
 }
 
@@ -76,11 +80,13 @@ Result<BaseSection> decodeBaseSection(std::span<const uint8_t> bytes, uint32_t p
   take(patch_count);
   if (patch_count != patches)
     return invalid(4, "expected " + std::to_string(patches) + " patches, found " + std::to_string(patch_count));
-  const bool has_shapes = bytes.size() == baseSectionBytes(corner_count, patch_count);
+  const bool has_depths = bytes.size() == baseSectionBytes(corner_count, patch_count, BaseSectionEnd::kTextureDepths);
+  const bool has_shapes = has_depths || bytes.size() == baseSectionBytes(corner_count, patch_count);
   const bool has_slopes =
       has_shapes || bytes.size() == baseSectionBytes(corner_count, patch_count, BaseSectionEnd::kSlopes);
-  const uint64_t behind_blocks =
-      patch_count * ((has_slopes ? kBaseSlopesBytes : 0) + (has_shapes ? kBaseShapesBytes : 0));
+  const uint64_t behind_slopes =
+      patch_count * ((has_shapes ? kBaseShapesBytes : 0) + (has_depths ? kBaseTextureDepthBytes : 0));
+  const uint64_t behind_blocks = behind_slopes + (has_slopes ? patch_count * kBaseSlopesBytes : 0);
   if (const uint64_t expected = baseSectionBytes(corner_count, patch_count, BaseSectionEnd::kBlocks);
       expected != bytes.size() && !has_slopes) {
     return invalid(0, std::to_string(corner_count) + " corners and " + std::to_string(patch_count) + " patches take " +
@@ -124,20 +130,32 @@ Result<BaseSection> decodeBaseSection(std::span<const uint8_t> bytes, uint32_t p
     for (float* f : {&s.min_u, &s.max_u, &s.min_v, &s.max_v}) take(*f);
     if (!std::isfinite(s.min_u) || !std::isfinite(s.max_u) || !std::isfinite(s.min_v) || !std::isfinite(s.max_v) ||
         s.min_u > s.max_u || s.min_v > s.max_v)
-      return invalid(
-          bytes.size() - (has_shapes ? patch_count * kBaseShapesBytes : 0) - (out.slopes.size() - i) * kBaseSlopesBytes,
-          "the slopes of patch " + std::to_string(i) + " are not ranges of numbers");
+      return invalid(bytes.size() - behind_slopes - (out.slopes.size() - i) * kBaseSlopesBytes,
+                     "the slopes of patch " + std::to_string(i) + " are not ranges of numbers");
   }
   if (!has_shapes) return out;
   out.shapes.resize(patch_count);
   for (CoarseShapes& shapes : out.shapes)
     for (DeviationShape& s : shapes) take(s);
+  if (!has_depths) return out;
+  out.texture_depths.resize(patch_count);
+  for (size_t i = 0; i < out.texture_depths.size(); ++i) {
+    uint8_t levels = 0;
+    take(levels);
+    if (levels > kMaxNodeLevel + 1)
+      return invalid(bytes.size() - (out.texture_depths.size() - i) * kBaseTextureDepthBytes,
+                     "expected at most " + std::to_string(kMaxNodeLevel + 1) + " texture levels of patch " +
+                         std::to_string(i) + ", found " + std::to_string(levels));
+    out.texture_depths[i] = static_cast<int8_t>(levels - 1);
+  }
   return out;
 }
 
 std::vector<uint8_t> packBaseSection(std::span<const uint8_t> section, int zstd_level) {
   const auto corners = loadLittle<uint32_t>(section.data()), patches = loadLittle<uint32_t>(section.data() + 4);
-  assert(section.size() == baseSectionBytes(corners, patches));
+  const BaseSectionEnd end =
+      section.size() == baseSectionBytes(corners, patches) ? BaseSectionEnd::kShapes : BaseSectionEnd::kTextureDepths;
+  assert(section.size() == baseSectionBytes(corners, patches, end));
   std::vector<uint8_t> out(mostPackedBaseBytes(section.size())), planes;
   storeLittle(out.data(), corners);
   const std::unique_ptr<ZSTD_CCtx, size_t (*)(ZSTD_CCtx*)> context(ZSTD_createCCtx(), ZSTD_freeCCtx);
@@ -149,7 +167,7 @@ std::vector<uint8_t> packBaseSection(std::span<const uint8_t> section, int zstd_
     assert(left == 0);  // there is room
     planes.clear();
   };
-  forEachArray(corners, patches, [&](uint64_t first, uint64_t record, uint64_t records) {
+  forEachArray(corners, patches, end, [&](uint64_t first, uint64_t record, uint64_t records) {
     for (uint64_t k = 0; k < record; ++k) {
       for (uint64_t i = 0; i < records; ++i) planes.push_back(section[first + i * record + k]);
       // What comes next is of another kind: its symbols get a table of their own.
@@ -161,7 +179,8 @@ std::vector<uint8_t> packBaseSection(std::span<const uint8_t> section, int zstd_
   return out;
 }
 
-Result<std::vector<uint8_t>> unpackBaseSection(std::span<const uint8_t> packed, uint32_t patches) {
+Result<std::vector<uint8_t>> unpackBaseSection(std::span<const uint8_t> packed, uint32_t patches, BaseSectionEnd end) {
+  assert(end >= BaseSectionEnd::kShapes);
   auto invalid = [](const std::string& message) {
     return Error{ErrorKind::kInvalidData, "", "the base mesh is damaged: " + message,
                  "rebuild the package, or get a whole copy", 0};
@@ -170,12 +189,12 @@ Result<std::vector<uint8_t>> unpackBaseSection(std::span<const uint8_t> packed, 
   const uint64_t corners = loadLittle<uint32_t>(packed.data());
   if (corners > uint64_t{4} * patches)
     return invalid("expected at most four corners a patch, found " + std::to_string(corners));
-  std::vector<uint8_t> planes(baseSectionBytes(corners, patches)), out(planes.size());
+  std::vector<uint8_t> planes(baseSectionBytes(corners, patches, end)), out(planes.size());
   const size_t size = ZSTD_decompress(planes.data(), planes.size(), packed.data() + 4, packed.size() - 4);
   if (ZSTD_isError(size) || size != planes.size())
     return invalid("expected " + std::to_string(planes.size()) + " bytes in a zstd frame, found others");
   const uint8_t* from = planes.data();
-  forEachArray(corners, patches, [&](uint64_t first, uint64_t record, uint64_t records) {
+  forEachArray(corners, patches, end, [&](uint64_t first, uint64_t record, uint64_t records) {
     for (uint64_t k = 0; k < record; ++k)
       for (uint64_t i = 0; i < records; ++i) out[first + i * record + k] = *from++;
   });

@@ -7,6 +7,7 @@
 #include <vector>
 
 #include "src/artwork/base_mesh.h"
+#include "src/artwork/patch_domain.h"
 #include "src/base/result.h"
 #include "texturing/package/patch_source.h"
 
@@ -19,20 +20,22 @@ struct BaseSection {
   std::vector<HeightSlopes> slopes;         // a patch; empty: not known
   std::vector<CoarseShapes> shapes;         // a patch; empty: not known. Only where there are slopes
   double error_unit_mm = 0;
+  TextureDepths texture_depths;  // a patch; empty: all levels. Only where there are shapes
 };
 
 inline constexpr uint64_t kBaseHeadBytes = 40, kBaseCornerBytes = 24, kBasePatchBytes = 16 + 28 + 84,
-                          kBaseSlopesBytes = 16, kBaseShapesBytes = sizeof(CoarseShapes);
+                          kBaseSlopesBytes = 16, kBaseShapesBytes = sizeof(CoarseShapes), kBaseTextureDepthBytes = 1;
 // What a section ends with; each has what those before it have.
-enum class BaseSectionEnd { kBlocks, kSlopes, kShapes };
+enum class BaseSectionEnd { kBlocks, kSlopes, kShapes, kTextureDepths };
 constexpr uint64_t baseSectionBytes(uint64_t corners, uint64_t patches, BaseSectionEnd end = BaseSectionEnd::kShapes) {
   return kBaseHeadBytes + corners * kBaseCornerBytes +
          patches * (kBasePatchBytes + (end >= BaseSectionEnd::kSlopes ? kBaseSlopesBytes : 0) +
-                    (end >= BaseSectionEnd::kShapes ? kBaseShapesBytes : 0));
+                    (end >= BaseSectionEnd::kShapes ? kBaseShapesBytes : 0) +
+                    (end >= BaseSectionEnd::kTextureDepths ? kBaseTextureDepthBytes : 0));
 }
 
-// A packed section (version 4) is one that ends with shapes, its bytes in another order and behind a u32, the number of
-// corners, in a zstd frame.
+// A packed section (versions 4 and 5) is one that ends with shapes, or with texture depths, its bytes in another order
+// and behind a u32, the number of corners, in a zstd frame.
 inline constexpr uint64_t kLeastPackedBaseBytes = 16;
 // Of a section that does not get smaller: a block's head for every kPackedTogether bytes, and the frame's.
 inline constexpr uint64_t kPackedTogether = 2048;
@@ -45,7 +48,8 @@ std::vector<uint8_t> encodeBaseSection(const BaseSection& section);
 // must be. The error names what is wrong, and its offset counts from the section's start; its file is empty.
 Result<BaseSection> decodeBaseSection(std::span<const uint8_t> bytes, uint32_t patches);
 std::vector<uint8_t> packBaseSection(std::span<const uint8_t> section, int zstd_level);
-// Safe alike: allocates no more than the largest section of so many patches has.
-Result<std::vector<uint8_t>> unpackBaseSection(std::span<const uint8_t> packed, uint32_t patches);
+// Safe alike: allocates no more than the largest section of so many patches has. end: what the section ends with.
+Result<std::vector<uint8_t>> unpackBaseSection(std::span<const uint8_t> packed, uint32_t patches,
+                                               BaseSectionEnd end = BaseSectionEnd::kShapes);
 
 }  // namespace relievo

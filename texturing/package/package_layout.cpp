@@ -27,15 +27,15 @@ std::array<uint64_t, 2> coveredPx(const PatchDomain& domain, uint32_t patch) {
           std::min(d.patchPx(), d.height_px - d.patchOriginY(patch))};
 }
 
-// The index entries of the finest levels alone.
-double leastIndexBytes(const PatchDomain& d, uint32_t detail_bytes, bool finest_detail) {
+// The index entries of the finest levels alone. texture: do all patches have pages of the texture's finest level?
+double leastIndexBytes(const PatchDomain& d, uint32_t detail_bytes, bool finest_detail, bool texture) {
   const FlatExtent size = statedExtent(d);
   auto nodes = [&](int level) {
     const double finer = std::exp2(level) / static_cast<double>(d.patchPx());
     return std::max(1.0, static_cast<double>(size.width_px) * finer) *
            std::max(1.0, static_cast<double>(size.height_px) * finer);
   };
-  double bytes = nodes(d.texture_depth) * kTextureEntryBytes;
+  double bytes = texture ? nodes(d.texture_depth) * kTextureEntryBytes : 0;
   if (d.relief_depth >= 0) bytes += nodes(d.relief_depth) * (kReliefEntryBytes + (finest_detail ? detail_bytes : 0));
   return bytes;
 }
@@ -83,6 +83,8 @@ constexpr size_t kOldCoefficients = 6, kOldScales = 144, kOldBiases = 192, kOldC
 constexpr uint32_t kDescribedBasis = 0xFFFFFFFFu;  // instead of its number
 // Version 4: how relief pages, the base mesh and the tree of errors by block are stored, 1 each.
 constexpr std::array<size_t, 3> kCompactFields{2048, 2052, 2056};
+// Version 5: how texture levels that patches do not have are left out, 1. Version 4: 0.
+constexpr size_t kTextureDepthsField = 2060;
 constexpr size_t kBasisName = 320, kBasisNameBytes = 32, kBasisCounts = 352, kBasisEncodings = 368, kBasisScales = 432;
 static_assert(kBasisEncodings + 2 * kMaxTexturePlanes <= kBasisScales);
 static_assert(kBasisScales + 16 * kMaxCoefficients <= kCompactFields[0]);
@@ -205,26 +207,41 @@ std::string domainProblem(const PatchDomain& d) {
   return size.empty() ? measuresProblem(d) : size;
 }
 
+IndexLayout::Patch IndexLayout::layOut(const PatchDomain& domain, const std::array<uint64_t, 2>& covered_px,
+                                       int depth) const {
+  Patch p;
+  for (int l = 0; l <= depth; ++l) {
+    Level level;
+    level.base = p.bytes;
+    level.columns = static_cast<uint32_t>(domain.nodesAlong(covered_px[0], l));
+    level.rows = static_cast<uint32_t>(domain.nodesAlong(covered_px[1], l));
+    uint64_t nodes = uint64_t{level.columns} * level.rows;
+    p.nodes += nodes;
+    p.bytes += nodes * node_bytes_ + 8 * blocks(level.columns) * blocks(level.rows);
+    p.levels.push_back(level);
+  }
+  return p;
+}
+
 IndexLayout::IndexLayout(const PatchDomain& domain, int depth, uint32_t node_bytes, uint64_t base)
     : patch_count_(domain.patchCount()), node_bytes_(node_bytes), base_(base) {
-  auto layOut = [&](const std::array<uint64_t, 2>& covered_px) {
-    Patch p;
-    for (int l = 0; l <= depth; ++l) {
-      Level level;
-      level.base = p.bytes;
-      level.columns = static_cast<uint32_t>(domain.nodesAlong(covered_px[0], l));
-      level.rows = static_cast<uint32_t>(domain.nodesAlong(covered_px[1], l));
-      uint64_t nodes = uint64_t{level.columns} * level.rows;
-      p.nodes += nodes;
-      p.bytes += nodes * node_bytes_ + 8 * blocks(level.columns) * blocks(level.rows);
-      p.levels.push_back(level);
-    }
-    return p;
-  };
-  full_ = layOut(coveredPx(domain, 0));
-  last_ = layOut(coveredPx(domain, patch_count_ - 1));
-  bytes_ = full_.bytes * (patch_count_ - 1) + last_.bytes;
-  nodes_ = full_.nodes * (patch_count_ - 1) + last_.nodes;
+  kinds_ = {layOut(domain, coveredPx(domain, 0), depth), layOut(domain, coveredPx(domain, patch_count_ - 1), depth)};
+  bytes_ = kinds_[0].bytes * (patch_count_ - 1) + kinds_[1].bytes;
+  nodes_ = kinds_[0].nodes * (patch_count_ - 1) + kinds_[1].nodes;
+}
+
+IndexLayout::IndexLayout(const PatchDomain& domain, std::shared_ptr<const TextureDepths> depths, uint32_t node_bytes,
+                         uint64_t base)
+    : depths_(std::move(depths)), patch_count_(domain.patchCount()), node_bytes_(node_bytes), base_(base) {
+  assert(!domain.isFlat() && depths_->size() == patch_count_);
+  for (int depth = kNoTexturePage; depth <= domain.texture_depth; ++depth)
+    kinds_.push_back(layOut(domain, coveredPx(domain, 0), depth));
+  offsets_.reserve(patch_count_);
+  for (uint32_t patch = 0; patch < patch_count_; ++patch) {
+    offsets_.push_back(bytes_);
+    bytes_ += patchOf(patch).bytes;
+    nodes_ += patchOf(patch).nodes;
+  }
 }
 
 bool IndexLayout::contains(const NodeId& n) const {
@@ -242,7 +259,7 @@ IndexLayout::Place IndexLayout::find(const NodeId& n) const {
   uint64_t nodes_before = uint64_t{by} * kIndexBlockNodes * level.columns + uint64_t{bx} * kIndexBlockNodes * rows;
   uint64_t blocks_before = by * blocks(level.columns) + bx;
   Place place;
-  place.block_offset = base_ + n.patch * full_.bytes + level.base + nodes_before * node_bytes_ + blocks_before * 8;
+  place.block_offset = base_ + patchOffset(n.patch) + level.base + nodes_before * node_bytes_ + blocks_before * 8;
   place.block_bytes = columns * rows * node_bytes_ + 8;
   place.node_offset = ((n.y % kIndexBlockNodes) * columns + n.x % kIndexBlockNodes) * node_bytes_;
   return place;
@@ -259,7 +276,9 @@ PackageLayout packageLayout(const PatchDomain& domain, const TextureFormat& form
                             uint32_t detail_bytes, bool finest_detail) {
   PackageLayout layout;
   const uint32_t planes = static_cast<uint32_t>(format.planes());
-  layout.texture = IndexLayout(domain, domain.texture_depth, planes * kTextureEntryBytes, index_offset);
+  const uint32_t texture_bytes = planes * kTextureEntryBytes;
+  layout.texture = domain.textureDepths() ? IndexLayout(domain, domain.textureDepths(), texture_bytes, index_offset)
+                                          : IndexLayout(domain, domain.texture_depth, texture_bytes, index_offset);
   layout.index_bytes = layout.texture.bytes();
   layout.page_count = layout.texture.nodeCount() * planes;
   if (domain.relief_depth >= 0) {
@@ -273,6 +292,22 @@ PackageLayout packageLayout(const PatchDomain& domain, const TextureFormat& form
     }
   }
   return layout;
+}
+
+std::string textureDepthsProblem(const PackageHeader& h, const TextureDepths& depths) {
+  if (!h.texture_depths) return depths.empty() ? "" : "expected no texture levels of single patches, found some";
+  if (depths.size() != h.domain.patchCount()) return "expected the texture levels of all patches";
+  for (size_t i = 0; i < depths.size(); ++i)
+    if (depths[i] < kNoTexturePage || depths[i] > h.domain.texture_depth)
+      return "expected at most " + std::to_string(h.domain.texture_depth + 1) + " texture levels of patch " +
+             std::to_string(i) + ", found " + std::to_string(depths[i] + 1);
+  PatchDomain domain = h.domain;
+  domain.setTextureDepths(std::make_shared<const TextureDepths>(depths));
+  const PackageLayout layout = packageLayout(domain, h.texture, h.index_offset, h.detailBytes(), !h.compact);
+  if (layout.index_bytes == h.index_bytes && layout.page_count == h.page_count) return {};
+  return "its patches' texture levels make " + std::to_string(layout.page_count) + " pages and an index of " +
+         std::to_string(layout.index_bytes) + " bytes, the header says " + std::to_string(h.page_count) + " and " +
+         std::to_string(h.index_bytes);
 }
 
 void encodeHeader(const PackageHeader& h, std::span<uint8_t> out) {
@@ -305,6 +340,7 @@ void encodeHeader(const PackageHeader& h, std::span<uint8_t> out) {
   else putOldBasis(f, h);
   if (h.compact)
     for (size_t field : kCompactFields) f.put(field, 1u);
+  if (h.compact && h.texture_depths) f.put(kTextureDepthsField, 1u);
   f.put(256, h.relief_detail ? static_cast<uint32_t>(kErrorBlocks) : 0u);
   f.put(260, h.relief_shapes ? 1u : 0u);
   f.put(264, h.base_offset);
@@ -362,8 +398,8 @@ class HeaderDecoder {
                    "make one with `relievo build`", 0};
     }
     version_ = at<uint32_t>(8);
-    if (version_ < 1 || version_ > 4) {
-      return Error{ErrorKind::kUnsupported, path_, "expected package version 1 to 4, found " + std::to_string(version_),
+    if (version_ < 1 || version_ > 5) {
+      return Error{ErrorKind::kUnsupported, path_, "expected package version 1 to 5, found " + std::to_string(version_),
                    "use a newer relievo, or rebuild the package", 8};
     }
     if (at<uint64_t>(kHeaderBytes - 8) != XXH3_64bits(p_, kHeaderBytes - 8))
@@ -389,7 +425,7 @@ class HeaderDecoder {
     stated_.texture_depth = at<int32_t>(128);
     stated_.relief_depth = at<int32_t>(132);
     h_.domain = stated_;
-    const bool described = version_ == 3 || (version_ == 4 && at<uint32_t>(136) == kDescribedBasis);
+    const bool described = version_ == 3 || (version_ >= 4 && at<uint32_t>(136) == kDescribedBasis);
     if (auto read = described ? readBasis(p_, h_) : readOldBasis(p_, version_, h_); !read) {
       Error error = read.error();
       error.file = path_;
@@ -410,12 +446,18 @@ class HeaderDecoder {
       return unsupported(260, "expected relief errors' shapes of kind 0, or 1 beside errors by block, found " +
                                   std::to_string(shapes));
     h_.relief_shapes = shapes == 1;
-    h_.compact = version_ == 4;
+    h_.compact = version_ >= 4;
+    h_.texture_depths = version_ == 5;
     if (!h_.compact) return {};
     for (size_t field : kCompactFields)
       if (const auto kind = at<uint32_t>(field); kind != 1)
-        return unsupported(field, "expected storage of kind 1 in version 4, found " + std::to_string(kind));
-    if (at<uint64_t>(272) == 0) return invalid(272, "expected a base mesh in version 4, found none");
+        return unsupported(field, "expected storage of kind 1 in version " + std::to_string(version_) + ", found " +
+                                      std::to_string(kind));
+    if (const auto kind = at<uint32_t>(kTextureDepthsField); h_.texture_depths && kind != 1)
+      return unsupported(kTextureDepthsField,
+                         "expected patches' texture levels of kind 1 in version 5, found " + std::to_string(kind));
+    if (at<uint64_t>(272) == 0)
+      return invalid(272, "expected a base mesh in version " + std::to_string(version_) + ", found none");
     return {};
   }
 
@@ -452,6 +494,8 @@ class HeaderDecoder {
         h_.tails_bytes != 0 && h_.tails_bytes != expected)
       return invalid(304, "expected a directory of tails of " + std::to_string(expected) + " bytes, found " +
                               std::to_string(h_.tails_bytes));
+    if (h_.texture_depths && h_.tails_bytes == 0)
+      return invalid(304, "expected the patches' tails in version 5, found none");
     if (!inside(h_.base_offset, h_.base_bytes))
       return outside(264, "the base mesh lies", h_.base_offset, h_.base_bytes);
     if (!inside(h_.base_copy_offset, h_.base_bytes))
@@ -461,7 +505,8 @@ class HeaderDecoder {
     if (d.relief_depth < 0) return invalid(132, "an artwork over a base mesh has a relief");
     if (const uint64_t least =
             h_.compact ? kLeastPackedBaseBytes : baseSectionBytes(4, d.patchCount(), BaseSectionEnd::kBlocks),
-        most = baseSectionBytes(uint64_t{4} * d.patchCount(), d.patchCount());
+        most = baseSectionBytes(uint64_t{4} * d.patchCount(), d.patchCount(),
+                                h_.texture_depths ? BaseSectionEnd::kTextureDepths : BaseSectionEnd::kShapes);
         h_.base_bytes < least || h_.base_bytes > (h_.compact ? mostPackedBaseBytes(most) : most)) {
       return invalid(272, "expected a base mesh of " + std::to_string(least) + " to " + std::to_string(most) +
                               " bytes, found " + std::to_string(h_.base_bytes));
@@ -472,7 +517,7 @@ class HeaderDecoder {
 
   Result<void> checkIndex() const {
     // As a double first: the sizes below are exact unless they overflow, and then this is far beyond any file.
-    if (const double least = leastIndexBytes(h_.domain, h_.detailBytes(), !h_.compact);
+    if (const double least = leastIndexBytes(h_.domain, h_.detailBytes(), !h_.compact, !h_.texture_depths);
         least > static_cast<double>(h_.file_bytes)) {
       char text[40];
       std::snprintf(text, sizeof text, "%.3g", least);
@@ -480,13 +525,20 @@ class HeaderDecoder {
                              " bytes for the index of so many pages, found " + std::to_string(h_.file_bytes));
     }
     const PackageLayout layout = packageLayout(h_);
-    if (layout.index_bytes != h_.index_bytes) {
-      return invalid(56, "expected an index of " + std::to_string(layout.index_bytes) + " bytes, found " +
-                             std::to_string(h_.index_bytes));
+    // Where the base mesh says which texture pages there are, textureDepthsProblem() compares the exact numbers.
+    const uint64_t textures = layout.texture.nodeCount() * static_cast<uint64_t>(h_.texture.planes());
+    const uint64_t fewer_bytes = h_.texture_depths ? layout.texture.bytes() : 0,
+                   fewer_pages = h_.texture_depths ? textures : 0;
+    auto between = [](uint64_t least, uint64_t most) {
+      return least == most ? std::to_string(most) : std::to_string(least) + " to " + std::to_string(most);
+    };
+    if (h_.index_bytes > layout.index_bytes || h_.index_bytes < layout.index_bytes - fewer_bytes) {
+      return invalid(56, "expected an index of " + between(layout.index_bytes - fewer_bytes, layout.index_bytes) +
+                             " bytes, found " + std::to_string(h_.index_bytes));
     }
-    if (layout.page_count != h_.page_count) {
-      return invalid(
-          80, "expected " + std::to_string(layout.page_count) + " pages, found " + std::to_string(h_.page_count));
+    if (h_.page_count > layout.page_count || h_.page_count < layout.page_count - fewer_pages) {
+      return invalid(80, "expected " + between(layout.page_count - fewer_pages, layout.page_count) + " pages, found " +
+                             std::to_string(h_.page_count));
     }
     if (h_.pages_bytes < h_.page_count) {
       return invalid(72, "expected at least a byte for each of " + std::to_string(h_.page_count) + " pages, found " +

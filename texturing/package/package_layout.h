@@ -5,6 +5,7 @@
 #include <array>
 #include <cstdint>
 #include <cstring>
+#include <memory>
 #include <span>
 #include <string>
 #include <vector>
@@ -46,6 +47,9 @@ struct PackageHeader {
   // Version 4, over a base mesh only: hierarchical relief pages, a packed base mesh, no errors by block of the finest
   // relief pages, which have none.
   bool compact = false;
+  // Version 5, a compact package whose base mesh says how many texture levels each patch has
+  // (PatchDomain::textureDepths()). decodeHeader() does not know them yet: its domain has all levels.
+  bool texture_depths = false;
   uint32_t detailBytes() const {
     return relief_detail ? kReliefDetailBytes + (relief_shapes ? kReliefShapesBytes : 0) : 0;
   }
@@ -54,10 +58,13 @@ struct PackageHeader {
   // The directory of the patches' tails (0 bytes: there are none): package_tails.h.
   uint64_t tails_offset = 0, tails_bytes = 0, tails_hash = 0;
 };
-// 4 where it is compact; else 3 where the header describes the basis; else 1, or 2 with a base mesh: packages of those
-// bases stay what they were.
+// 5 or 4 where it is compact; else 3 where the header describes the basis; else 1, or 2 with a base mesh: packages of
+// those bases stay what they were.
 inline uint32_t packageVersion(const PackageHeader& h) {
-  return h.compact ? 4 : h.texture.basis > Basis::kAlbedoNormal ? 3 : h.base_bytes == 0 ? 1 : 2;
+  return h.compact                                ? (h.texture_depths ? 5 : 4)
+         : h.texture.basis > Basis::kAlbedoNormal ? 3
+         : h.base_bytes == 0                      ? 1
+                                                  : 2;
 }
 void encodeHeader(const PackageHeader& header, std::span<uint8_t> out /* kHeaderBytes */);
 // Checks magic, version, hash and every field; the error names the field. kUnsupported: what a newer program may know,
@@ -75,6 +82,9 @@ class IndexLayout {
  public:
   IndexLayout() = default;  // an empty tree
   IndexLayout(const PatchDomain& domain, int depth, uint32_t node_bytes, uint64_t base);
+  // Each patch over a base mesh has a depth of its own; kNoTexturePage: it has no nodes.
+  IndexLayout(const PatchDomain& domain, std::shared_ptr<const TextureDepths> depths, uint32_t node_bytes,
+              uint64_t base);
   uint64_t bytes() const { return bytes_; }
   uint64_t nodeCount() const { return nodes_; }
 
@@ -105,9 +115,18 @@ class IndexLayout {
     std::vector<Level> levels;
     uint64_t bytes = 0, nodes = 0;
   };
-  const Patch& patchOf(uint32_t patch) const { return patch + 1 == patch_count_ ? last_ : full_; }
+  Patch layOut(const PatchDomain& domain, const std::array<uint64_t, 2>& covered_px, int depth) const;
+  const Patch& patchOf(uint32_t patch) const {
+    if (depths_) return kinds_[static_cast<size_t>((*depths_)[patch] + 1)];
+    return kinds_[patch + 1 == patch_count_ ? 1 : 0];
+  }
+  uint64_t patchOffset(uint32_t patch) const { return depths_ ? offsets_[patch] : patch * kinds_[0].bytes; }
 
-  Patch full_, last_;  // all patches but the last are alike
+  // By depth + 1 where patches have depths of their own. Else all patches but the last are of the first kind, the last
+  // is of the second.
+  std::vector<Patch> kinds_;
+  std::shared_ptr<const TextureDepths> depths_;
+  std::vector<uint64_t> offsets_;  // by patch, from base_; empty where all but the last have the same bytes
   uint32_t patch_count_ = 0, node_bytes_ = 0;
   uint64_t base_ = 0, bytes_ = 0, nodes_ = 0;
 };
@@ -123,6 +142,9 @@ PackageLayout packageLayout(const PatchDomain& domain, const TextureFormat& form
 inline PackageLayout packageLayout(const PackageHeader& h) {
   return packageLayout(h.domain, h.texture, h.index_offset, h.detailBytes(), !h.compact);
 }
+// Of a base mesh's section beside its header: are there as many texture levels a patch as the header's numbers of pages
+// and of the index's bytes say? Says what is wrong, or nothing.
+std::string textureDepthsProblem(const PackageHeader& header, const TextureDepths& depths);
 // Are the sizes such that the arithmetic above holds? Says what is wrong, or nothing.
 std::string domainProblem(const PatchDomain& domain);
 

@@ -89,7 +89,9 @@ struct Package::Impl {
         return Error{ErrorKind::kInvalidData, file.path(), "the base mesh is damaged: its checksum does not match",
                      "rebuild the package, or get a whole copy", offset};
       if (header.compact) {
-        auto unpacked = unpackBaseSection(bytes, header.domain.patchCount());
+        auto unpacked =
+            unpackBaseSection(bytes, header.domain.patchCount(),
+                              header.texture_depths ? BaseSectionEnd::kTextureDepths : BaseSectionEnd::kShapes);
         if (!unpacked) {
           Error error = unpacked.error();
           error.file = file.path();
@@ -99,7 +101,12 @@ struct Package::Impl {
         bytes = std::move(*unpacked);
       }
       auto section = decodeBaseSection(bytes, header.domain.patchCount());
-      if (section) return section;
+      if (section) {
+        const std::string problem = textureDepthsProblem(header, section->texture_depths);
+        if (problem.empty()) return section;
+        return Error{ErrorKind::kInvalidData, file.path(), "the base mesh is damaged: " + problem,
+                     "rebuild the package, or get a whole copy", offset};
+      }
       Error error = section.error();
       error.file = file.path();
       error.offset = offset + error.offset.value_or(0);
@@ -120,6 +127,8 @@ struct Package::Impl {
     manifest.height_slopes = std::move(section->slopes);
     manifest.coarse_shapes = std::move(section->shapes);
     manifest.error_unit_mm = section->error_unit_mm;
+    if (header.texture_depths)
+      header.domain.setTextureDepths(std::make_shared<const TextureDepths>(std::move(section->texture_depths)));
     return {};
   }
 

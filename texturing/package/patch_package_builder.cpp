@@ -1,11 +1,13 @@
-// How a build runs: three times over the patches, which are independent in each pass
+// How a build runs: several times over the patches, which are independent in each pass
 // (texturing/package/package_writer.h).
 //
-//   0  asks the source for the patch's heights and their errors: the base mesh's section stands before the pages
-//   1  asks the source for the patch; writes its relief pages, which need no other patch; keeps its texels of all
-//      levels, as bytes, and of each level and side the 4 rows of texels that the neighbour's pages have as their
-//      border
-//   2  writes the texture pages, their borders from the neighbours' strips, turned as the sides lie
+//   heights   asks the source for the patch's heights and their errors: the base mesh's section stands before the pages
+//   texels    asks the source for the patch's texels; keeps them, of all levels and of the tail, as bytes, and of each
+//             level and side the 4 rows of texels that the neighbour's pages have as their border
+//   depths    looks for texture levels that show nothing which coarser ones do not (texture_depths.h). The base mesh's
+//             section says which levels there are, and the index, before the pages, has entries for these only
+//   relief    asks the source for the patch's heights again and writes its relief pages, which need no other patch
+//   texture   writes the texture pages, their borders from the neighbours' strips, turned as the sides lie
 //
 // Where the border lies diagonally beyond a patch's corner there is one patch only if four meet there. Any number may,
 // so what stands there is what makes the mean of the four texels around the corner the same from all patches: that of
@@ -31,6 +33,7 @@
 #include "texturing/package/package_layout.h"
 #include "texturing/package/package_writer.h"
 #include "texturing/package/patch_tails.h"
+#include "texturing/package/texture_depths.h"
 
 namespace relievo {
 namespace {
@@ -38,20 +41,22 @@ namespace {
 constexpr int kGutterPx = kPageBorderPx;
 constexpr int kBaseZstdLevel = 19;  // a few hundred KiB at most for a scan of some thousand patches
 
-// Where a patch's levels and strips lie in what is kept of it, in bytes.
+// Where a patch's levels and strips lie in what is kept of it, in bytes. Level kTail is the tail's finest.
+constexpr int kTail = -1;
 struct PatchStore {
   int channels, depth;
-  static uint64_t side(int level) { return uint64_t{kPagePx} << level; }
+  static uint64_t side(int level) { return level == kTail ? uint64_t{kTailTexels} : uint64_t{kPagePx} << level; }
   uint64_t levelOffset(int level) const {
     uint64_t texels = 0;
-    for (int l = 0; l < level; ++l) texels += side(l) * side(l);
+    for (int l = kTail; l < level; ++l) texels += side(l) * side(l);
     return texels * static_cast<uint64_t>(channels);
   }
+  uint64_t finestBytes() const { return levelBytes() - levelOffset(depth); }
   uint64_t levelBytes() const { return levelOffset(depth + 1); }
   uint64_t gutterBytes(int level) const { return static_cast<uint64_t>(channels) * kGutterPx * side(level); }
   uint64_t gutterOffset(int level, int s) const {
     uint64_t bytes = 0;
-    for (int l = 0; l < level; ++l) bytes += 4 * gutterBytes(l);
+    for (int l = kTail; l < level; ++l) bytes += 4 * gutterBytes(l);
     return bytes + static_cast<uint64_t>(s) * gutterBytes(level);
   }
   uint64_t guttersBytes() const { return gutterOffset(depth + 1, 0); }
@@ -73,14 +78,16 @@ struct Context {
   std::vector<std::array<uint64_t, 4>> side_hash;  // of the heights along a side, from the corner of the lower index on
   std::vector<std::array<uint16_t, 4>> corner_height;
   std::vector<uint8_t> corner_texels;  // by patch, level, corner and channel
+  TextureDepths texture_depths;
   // The corners of patches that meet at corner c of the mesh: at[first[c]] .. at[first[c + 1]], as patch * 4 + corner.
   std::vector<uint32_t> first, at;
 
   // A patch's tail: heights, then texels.
   size_t tailBytes() const { return 2 * kTailHeights + static_cast<size_t>(store.channels) * kTailPatchTexels; }
   size_t cornerPlace(uint32_t patch, int level, size_t corner) const {
-    const size_t depths = static_cast<size_t>(store.depth) + 1, channels = static_cast<size_t>(store.channels);
-    return ((patch * depths + static_cast<size_t>(level)) * 4 + corner) * channels;
+    const auto level_count = static_cast<size_t>(store.depth - kTail + 1),
+               channels = static_cast<size_t>(store.channels);
+    return ((patch * level_count + static_cast<size_t>(level - kTail)) * 4 + corner) * channels;
   }
 };
 
@@ -350,31 +357,18 @@ class PatchRelief {
   std::vector<std::vector<NodeRange>> ranges_;   // by level and node
 };
 
-// ---- the first pass ----
-class PatchReader {
+// ---- the pass over texels ----
+class TexelKeeper {
  public:
-  PatchReader(Context& context, int zstd_level) : c_(context), encoder_(zstd_level), relief_(context) {}
+  explicit TexelKeeper(Context& context) : c_(context) {}
 
-  BuildPart run(uint32_t patch) {
-    BuildPart out;
-    out.status = keepTexels(patch);
-    if (out.status.ok()) out.status = relief(patch, out);
-    out.texels = PatchStore::side(c_.store.depth) * PatchStore::side(c_.store.depth);
-    return out;
-  }
-
- private:
-  Result<void> keepTexels(uint32_t patch) {
+  Result<void> run(uint32_t patch) {
     const PatchStore& store = c_.store;
-    const uint64_t channels = static_cast<uint64_t>(store.channels);
     int side = static_cast<int>(PatchStore::side(store.depth));
-    texels_.resize(channels * PatchStore::side(store.depth) * PatchStore::side(store.depth));
+    texels_.resize(store.finestBytes());
     if (auto made = c_.source.texels(patch, texels_); !made) return made;
     for (int level = store.depth;; --level, side /= 2) {
-      const uint64_t place = patch * store.levelBytes() + store.levelOffset(level);
-      if (auto kept = c_.levels->write(place, texels_.data(), texels_.size()); !kept) return kept;
-      if (auto kept = keepGutters(patch, level, side); !kept) return kept;
-      keepCorners(patch, level, static_cast<size_t>(side));
+      if (auto kept = keepLevel(patch, level, texels_); !kept) return kept;
       if (level == 0) return keepTail(patch);
       coarser_.resize(texels_.size() / 4);
       if (level == store.depth) {
@@ -388,27 +382,41 @@ class PatchReader {
     }
   }
 
+ private:
+  Result<void> keepLevel(uint32_t patch, int level, std::span<const uint8_t> texels) {
+    const PatchStore& store = c_.store;
+    const uint64_t place = patch * store.levelBytes() + store.levelOffset(level);
+    if (auto kept = c_.levels->write(place, texels.data(), texels.size()); !kept) return kept;
+    if (auto kept = keepGutters(patch, level, texels); !kept) return kept;
+    keepCorners(patch, level, texels);
+    return {};
+  }
+
   Result<void> keepTail(uint32_t patch) {
     tail_.resize(c_.tailBytes() - 2 * kTailHeights);
     tailTexels(c_.mip, texels_, tail_);
+    const uint64_t finest = static_cast<uint64_t>(c_.store.channels) * kTailTexels * kTailTexels;
+    if (auto kept = keepLevel(patch, kTail, std::span(tail_).first(finest)); !kept) return kept;
     return c_.tails->write(patch * c_.tailBytes() + 2 * kTailHeights, tail_.data(), tail_.size());
   }
 
-  void keepCorners(uint32_t patch, int level, size_t side) {
+  void keepCorners(uint32_t patch, int level, std::span<const uint8_t> texels) {
+    const size_t side = PatchStore::side(level);
     for (size_t k = 0; k < 4; ++k) {
       const size_t x = k % 2 ? side - 1 : 0, y = k / 2 ? side - 1 : 0, place = c_.cornerPlace(patch, level, k);
       for (size_t c = 0; c < static_cast<size_t>(c_.store.channels); ++c)
-        c_.corner_texels[place + c] = texels_[(c * side + y) * side + x];
+        c_.corner_texels[place + c] = texels[(c * side + y) * side + x];
     }
   }
 
   // Channel after channel, the rows (or columns) from the side inwards, each in the direction of growing u or v.
-  Result<void> keepGutters(uint32_t patch, int level, int side) {
+  Result<void> keepGutters(uint32_t patch, int level, std::span<const uint8_t> texels) {
+    const int side = static_cast<int>(PatchStore::side(level));
     strip_.resize(c_.store.gutterBytes(level));
     for (int s = 0; s < 4; ++s) {
       uint8_t* out = strip_.data();
       for (int channel = 0; channel < c_.store.channels; ++channel) {
-        const uint8_t* in = texels_.data() + static_cast<size_t>(channel) * side * side;
+        const uint8_t* in = texels.data() + static_cast<size_t>(channel) * side * side;
         for (int d = 0; d < kGutterPx; ++d, out += side) {
           const int at = s == kLeft || s == kTop ? d : side - 1 - d;
           if (s == kTop || s == kBottom) {
@@ -426,7 +434,24 @@ class PatchReader {
     return {};
   }
 
-  Result<void> relief(uint32_t patch, BuildPart& out) {
+  Context& c_;
+  std::vector<uint8_t> texels_, strip_, tail_;
+  std::vector<uint16_t> level_, coarser_;
+};
+
+// ---- the pass over relief ----
+class ReliefWriter {
+ public:
+  ReliefWriter(Context& context, int zstd_level) : c_(context), encoder_(zstd_level), relief_(context) {}
+
+  BuildPart run(uint32_t patch) {
+    BuildPart out;
+    out.status = write(patch, out);
+    return out;
+  }
+
+ private:
+  Result<void> write(uint32_t patch, BuildPart& out) {
     if (auto read = relief_.read(patch); !read) return read;
     const int depth = c_.header.domain.relief_depth;
     const size_t side = relief_.sideSamples();
@@ -465,30 +490,20 @@ class PatchReader {
 
   Context& c_;
   PageEncoder encoder_;
-  std::vector<uint8_t> texels_, strip_, tail_;
   PatchRelief relief_;
-  std::vector<uint16_t> level_, coarser_;
   std::array<uint16_t, kReliefPageSamples> samples_;
 };
 
-// ---- the second pass ----
-class TextureWriter {
+// ---- the passes over what was kept of texels ----
+// A level of a patch with its border, as wide as that of pages.
+class LevelReader {
  public:
-  TextureWriter(const Context& context, int zstd_level) : c_(context), encoder_(zstd_level) {}
+  explicit LevelReader(const Context& context) : c_(context) {}
 
-  BuildPart run(uint32_t patch) {
-    BuildPart out;
-    for (int level = 0; level <= c_.store.depth && out.status.ok(); ++level) {
-      out.status = load(patch, level);
-      if (out.status.ok()) cut(patch, level, out);
-    }
-    return out;
-  }
-
- private:
   size_t stride() const { return side_ + 2 * kPageBorderPx; }
+  const std::vector<uint8_t>& texels() const { return bordered_; }  // channel after channel
+  BorderedLevel level() const { return {bordered_, side_, kPageBorderPx}; }
 
-  // The level with its border, channel after channel.
   Result<void> load(uint32_t patch, int level) {
     const PatchStore& store = c_.store;
     side_ = PatchStore::side(level);
@@ -530,6 +545,7 @@ class TextureWriter {
     return {};
   }
 
+ private:
   // The square of the border beyond corner k.
   void fillCorner(uint32_t patch, int level, size_t k) {
     const uint32_t corner = c_.source.base().patches[patch][k];
@@ -550,16 +566,71 @@ class TextureWriter {
     }
   }
 
+  const Context& c_;
+  size_t side_ = 0;
+  std::vector<uint8_t> inside_, bordered_, strip_;
+};
+
+class DepthFinder {
+ public:
+  DepthFinder(Context& context, double tolerance)
+      : c_(context),
+        tolerances_(channelTolerances(context.header.texture, tolerance)),
+        coarse_(context),
+        fine_(context) {}
+
+  // Notes the coarsest level that shows all finer ones within the tolerance.
+  Result<void> run(uint32_t patch) {
+    int depth = kTail;
+    for (; depth < c_.store.depth; ++depth) {
+      auto enough = showsAllFiner(patch, depth);
+      if (!enough) return enough.error();
+      if (*enough) break;
+    }
+    static_assert(kTail == kNoTexturePage);
+    c_.texture_depths[patch] = static_cast<int8_t>(depth);
+    return {};
+  }
+
+ private:
+  Result<bool> showsAllFiner(uint32_t patch, int depth) {
+    if (auto loaded = coarse_.load(patch, depth); !loaded) return loaded.error();
+    for (int finer = depth + 1; finer <= c_.store.depth; ++finer) {
+      if (auto loaded = fine_.load(patch, finer); !loaded) return loaded.error();
+      if (!showsTheSame(fine_.level(), coarse_.level(), tolerances_)) return false;
+    }
+    return true;
+  }
+
+  Context& c_;
+  const std::vector<double> tolerances_;  // by channel
+  LevelReader coarse_, fine_;
+};
+
+class TextureWriter {
+ public:
+  TextureWriter(const Context& context, int zstd_level) : c_(context), encoder_(zstd_level), reader_(context) {}
+
+  BuildPart run(uint32_t patch) {
+    BuildPart out;
+    for (int level = 0; level <= c_.header.domain.textureDepthOf(patch) && out.status.ok(); ++level) {
+      out.status = reader_.load(patch, level);
+      if (out.status.ok()) cut(patch, level, out);
+    }
+    return out;
+  }
+
+ private:
   void cut(uint32_t patch, int level, BuildPart& out) {
-    const size_t plane_texels = stride() * stride();
+    const size_t stride = reader_.stride(), plane_texels = stride * stride;
     for (uint32_t y = 0; y < 1u << level; ++y) {
       for (uint32_t x = 0; x < 1u << level; ++x) {
         const auto at = c_.layout.texture.find({patch, static_cast<uint32_t>(level), x, y});
         for (size_t plane = 0; plane < static_cast<size_t>(c_.header.texture.planes()); ++plane) {
           uint8_t* to = page_.data();
           for (size_t c = 3 * plane; c < 3 * plane + 3; ++c) {
-            const uint8_t* from = bordered_.data() + c * plane_texels + y * kPagePx * stride() + x * kPagePx;
-            for (int row = 0; row < kPageFullPx; ++row, to += kPageFullPx, from += stride())
+            const uint8_t* from = reader_.texels().data() + c * plane_texels + y * kPagePx * stride + x * kPagePx;
+            for (int row = 0; row < kPageFullPx; ++row, to += kPageFullPx, from += stride)
               std::memcpy(to, from, kPageFullPx);
           }
           out.place({.index_offset = at.block_offset + at.node_offset + plane * kTextureEntryBytes},
@@ -571,8 +642,7 @@ class TextureWriter {
 
   const Context& c_;
   PageEncoder encoder_;
-  size_t side_ = 0;
-  std::vector<uint8_t> inside_, bordered_, strip_;
+  LevelReader reader_;
   std::array<uint8_t, kTexturePageBytes> page_;
 };
 
@@ -641,18 +711,23 @@ Result<void> writeTails(const Context& c, const BuildOptions& options, PackageWr
   return {};
 }
 
-// All patches' part of the base mesh's section: it stands before the pages, packed, so that its size must be known.
-Result<void> describePatches(Context& context, const BuildOptions& options, int workers) {
-  constexpr size_t kPatchesAJob = 64;
+// Calls run(worker, patch) for each patch; each thread's worker is what makeWorker() gives. Calls between(patches taken
+// so far) on the caller's thread.
+template <class MakeWorker, class Run, class Between>
+Result<void> forEachPatch(const Context& context, const BuildOptions& options, int workers, MakeWorker&& makeWorker,
+                          Run&& run, Between&& between) {
+  constexpr size_t kPatchesAJob = 16;
   const size_t patches = context.header.domain.patchCount();
-  std::vector<Result<void>> done((patches + kPatchesAJob - 1) / kPatchesAJob);
-  const bool whole = parallelFor(done.size(), workers, options.interrupted, [&](size_t job) {
-    PatchRelief relief(context);
-    for (size_t p = job * kPatchesAJob; p < std::min(patches, (job + 1) * kPatchesAJob) && done[job].ok(); ++p)
-      done[job] = relief.describe(static_cast<uint32_t>(p));
-  });
-  for (const Result<void>& job : done)
-    if (!job) return job;
+  std::vector<std::optional<Error>> failed((patches + kPatchesAJob - 1) / kPatchesAJob);
+  const bool whole = parallelForWith(
+      failed.size(), workers, options.interrupted, makeWorker,
+      [&](auto& worker, size_t job) {
+        for (size_t p = job * kPatchesAJob; p < std::min(patches, (job + 1) * kPatchesAJob) && !failed[job]; ++p)
+          if (auto done = run(worker, static_cast<uint32_t>(p)); !done) failed[job] = done.error();
+      },
+      [&](size_t jobs) { between(std::min(patches, jobs * kPatchesAJob)); });
+  for (const std::optional<Error>& error : failed)
+    if (error) return *error;
   if (!whole) return Error{ErrorKind::kInterrupted, options.output, "interrupted", "nothing was written", {}};
   return {};
 }
@@ -694,8 +769,8 @@ void makeRoom(Context& context) {
   context.coarse_shapes.resize(patches);
   context.side_hash.resize(patches);
   context.corner_height.resize(patches);
-  context.corner_texels.resize(static_cast<size_t>(patches) * static_cast<size_t>(d.texture_depth + 1) * 4 *
-                               static_cast<size_t>(context.store.channels));
+  context.corner_texels.resize(context.cornerPlace(patches, kTail, 0));
+  context.texture_depths.resize(patches);
 }
 
 // A worker's share: texels and a coarser level twice, or a level with and without border; heights, errors, and its
@@ -730,6 +805,26 @@ Result<void> makeSpills(Context& context, SpillBudget& spills) {
     auto made = spills.create(bytes * patches);
     if (!made) return made.error();
     *kept = std::move(*made);
+  }
+  return {};
+}
+
+// Into the header, unless all patches have all levels.
+Result<void> findTextureDepths(Context& context, PackageHeader& header, const BuildOptions& options, int workers) {
+  const double tolerance = options.texture_tolerance;
+  if (header.compact && tolerance >= 0) {
+    auto found = forEachPatch(
+        context, options, workers, [&] { return DepthFinder(context, tolerance); },
+        [](DepthFinder& finder, uint32_t patch) { return finder.run(patch); }, [](size_t) {});
+    if (!found) return found;
+    const auto less = [&](int8_t depth) { return depth < header.domain.texture_depth; };
+    header.texture_depths = std::any_of(context.texture_depths.begin(), context.texture_depths.end(), less);
+  }
+  if (header.texture_depths) {
+    header.domain.setTextureDepths(std::make_shared<const TextureDepths>(context.texture_depths));
+    header.page_count = packageLayout(header.domain, header.texture, 0, 0).page_count;
+  } else {
+    context.texture_depths.clear();
   }
   return {};
 }
@@ -774,23 +869,36 @@ Result<BuildReport> buildPatchPackage(const PatchSource& source, const BuildOpti
   makeRoom(context);
   listCorners(context);
   const Workforce force = workersThatFit(workerBytes(context), options, patches);
-  if (auto described = describePatches(context, options, force.workers); !described) return described.error();
+  auto described = forEachPatch(
+      context, options, force.workers, [&] { return PatchRelief(context); },
+      [](PatchRelief& relief, uint32_t patch) { return relief.describe(patch); }, [](size_t) {});
+  if (!described) return described.error();
   if (auto sound = checkBorders(context); !sound) return sound.error();
-  std::vector<uint8_t> base =
-      encodeBaseSection({source.base(), std::move(context.coarse_errors), std::move(context.coarse_blocks),
-                         std::move(context.slopes), std::move(context.coarse_shapes), source.errorUnitMm()});
+  // Before the longest part, not behind it.
+  if (auto writable = OutputFile::check(options.output); !writable) return writable.error();
+  SpillBudget spills{std::min(force.left_bytes, options.kept_bytes), options.output};
+  if (auto made = makeSpills(context, spills); !made) return made.error();
+  const uint64_t patch_texels = d.patchPx() * d.patchPx();
+  auto kept = forEachPatch(
+      context, options, force.workers, [&] { return TexelKeeper(context); },
+      [](TexelKeeper& keeper, uint32_t patch) { return keeper.run(patch); },
+      [&](size_t done) { reporter.reportTexels(done * patch_texels); });
+  if (!kept) return kept.error();
+  if (auto found = findTextureDepths(context, header, options, force.workers); !found) return found.error();
+  reporter.expect(packageLayout(d, header.texture, 0, 0).page_count, patches * patch_texels);
+
+  std::vector<uint8_t> base = encodeBaseSection(
+      {source.base(), std::move(context.coarse_errors), std::move(context.coarse_blocks), std::move(context.slopes),
+       std::move(context.coarse_shapes), source.errorUnitMm(), std::move(context.texture_depths)});
   if (header.compact) base = packBaseSection(base, kBaseZstdLevel);
   const auto manifest = manifestOf(header, source, options);
   if (!manifest) return manifest.error();
   if (auto placed = placeSections(header, *manifest, base); !placed) return placed.error();
   context.layout = packageLayout(header);
-
-  SpillBudget spills{std::min(force.left_bytes, options.kept_bytes), options.output};
-  if (auto made = makeSpills(context, spills); !made) return made.error();
   auto writer = PackageWriter::create(options.output, header, *manifest, std::move(base), spills);
   if (!writer) return writer.error();
 
-  if (auto ran = passOver<PatchReader>(context, options, force.workers, **writer, reporter); !ran) return ran.error();
+  if (auto ran = passOver<ReliefWriter>(context, options, force.workers, **writer, reporter); !ran) return ran.error();
   if (auto ran = passOver<TextureWriter>(context, options, force.workers, **writer, reporter); !ran) return ran.error();
 
   if (auto written = writeTails(context, options, **writer); !written) return written.error();

@@ -70,7 +70,8 @@ void tailsFromPages(const PageSource& source, const TextureFormat& format, bool 
       tails.failures.add(id, loaded.error());
       if (problems)
         problems->push_back("the page of " + describePage(id) +
-                            " is damaged, a neutral one stands in: " + loaded.error().text());
+                            (loaded.error().offset ? " is damaged" : " is missing") +
+                            ", a neutral one stands in: " + loaded.error().text());
     };
     if (relief) {
       load(PageId(Plane::kRelief, {patch, 0, 0, 0}));

@@ -6,7 +6,8 @@
 //             not agree on which they use.
 //   texels    the levels of 16, 8, 4 and 2 texels a side: the root page's bytes halved 3 to 6 times by mip.h's rules.
 //             The two levels between (64 and 32 texels) are not stored: shaders blend from the root's level to the
-//             tail's over them.
+//             tail's over them. The finest also stands for pages that a patch does not have (texture_depths.h): it is
+//             filtered bilinearly, whatever the scene's sampling.
 //
 // On the GPU a patch's tail is a block of texels a level (32 bits a plane), with a border of one texel from the patches
 // that it meets, so that bilinear filters show no seam; and 17 x 17 heights (16 bits), of which the four at the corners

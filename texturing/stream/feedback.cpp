@@ -76,10 +76,9 @@ std::span<const NodeRequest> FeedbackAnalyzer::analyze(std::span<const std::arra
       int64_t end = x + 1;
       while (end < width && row[end] == row[x]) ++end;
       const auto& p = row[x];
-      if (isNode(p)) {
-        uint32_t level = p[0] >> 8 & 0xFFu;
-        if (requests_.size() + level < kMaxRequests) {
-          uint32_t i = findOrAdd(packNode({p[1], level, p[2], p[3]}));
+      if (const std::optional<NodeId> node = nodeOf(p)) {
+        if (requests_.size() + node->level < kMaxRequests) {
+          uint32_t i = findOrAdd(packNode(*node));
           auto run = static_cast<uint32_t>(end - x);
           requests_[i].pixels += run;
           if ((p[0] >> 16 & 1u) && parent_[i] != kNoParent) requests_[parent_[i]].pixels += run;
@@ -111,6 +110,12 @@ std::span<const NodeRequest> FeedbackAnalyzer::analyze(std::span<const std::arra
   ordered_.reserve(requests_.size());
   for (const auto& [key, i] : sort_keys_) ordered_.push_back(requests_[i]);
   return ordered_;
+}
+
+std::optional<NodeId> FeedbackAnalyzer::nodeOf(const std::array<uint32_t, 4>& p) const {
+  if (!isNode(p) || (domain_ && p[1] >= domain_->patchCount())) return std::nullopt;
+  const NodeId node{p[1], p[0] >> 8 & 0xFFu, p[2], p[3]};
+  return domain_ ? domain_->texturedNode(node) : node;
 }
 
 uint32_t FeedbackAnalyzer::findOrAdd(uint64_t key) {

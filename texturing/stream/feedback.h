@@ -5,11 +5,13 @@
 
 #include <array>
 #include <cstdint>
+#include <optional>
 #include <span>
 #include <utility>
 #include <vector>
 
 #include "src/artwork/node_id.h"
+#include "src/artwork/patch_domain.h"
 #include "src/base/key_index.h"
 
 namespace relievo {
@@ -35,16 +37,22 @@ inline constexpr size_t kMaxRequests = 65536;
 
 // Returns the unique nodes in the order of service: coarse before fine, then near to the view's centre. All ancestors
 // of a wanted node are included, a third more pages: trilinear filtering reads the parent, and the others show while it
-// is missing. An ancestor is as near to the centre as its nearest wanted descendant. Pixels that name no node (a
-// driver's garbage: other bits in x, levels or coordinates out of range) are dropped. Scratch memory is kept between
-// calls. The result is valid until the next call and depends on the pixels only.
+// is missing. Where a patch's texture ends at a coarser level, its finest node is wanted in the place of finer ones; a
+// patch without texture pages wants none. An ancestor is as near to the centre as its nearest wanted descendant. Pixels
+// that name no node (a driver's garbage: other bits in x, levels or coordinates out of range) are dropped. Scratch
+// memory is kept between calls. The result is valid until the next call and depends on the pixels only.
 class FeedbackAnalyzer {
  public:
+  // domain: says which patches' textures end early; null: none does.
+  explicit FeedbackAnalyzer(const PatchDomain* domain = nullptr) : domain_(domain) {}
   std::span<const NodeRequest> analyze(std::span<const std::array<uint32_t, 4>> pixels, int width_px, int height_px);
 
  private:
   uint32_t findOrAdd(uint64_t key);  // index into requests_
 
+  std::optional<NodeId> nodeOf(const std::array<uint32_t, 4>& pixel) const;
+
+  const PatchDomain* domain_;
   std::vector<NodeRequest> requests_;
   KeyIndex keys_;                 // packNode of requests_[i]
   std::vector<uint32_t> parent_;  // index of requests_[i]'s parent, which is smaller than i

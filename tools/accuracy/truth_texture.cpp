@@ -16,6 +16,7 @@ constexpr int kCoarserLevels = 7;  // of 64 .. 1 texels a side
 TruthTexture::TruthTexture(std::shared_ptr<const Package> package, const EffectPlan& plan, double exaggerate,
                            uint64_t budget_bytes)
     : package_(std::move(package)),
+      pages_(package_),
       domain_(package_->manifest().domain),
       format_(plan.format(package_->manifest())),
       stored_planes_(package_->manifest().texture.planes()),
@@ -54,9 +55,7 @@ std::shared_ptr<const TruthTexture::Node> TruthTexture::load(const NodeId& id) c
     return std::span(out->texels).subspan(kSlotBytes * static_cast<size_t>(plane), kSlotBytes);
   };
   for (int p = 0; p < stored_planes_; ++p) {
-    auto page = package_->read(PageId(texturePlane(p), id));
-    if (!page) note(page.error());
-    else if (auto done = decoder.decodeToSlot(texturePlane(p), page->bytes, slot(p)); !done) note(done.error());
+    if (auto done = pages_.read(PageId(texturePlane(p), id), decoder, slot(p)); !done) note(done.error());
   }
   if (normals_) {
     auto read = [&](const NodeId& relief, std::span<uint16_t> samples) {

@@ -21,6 +21,7 @@
 #include "src/engine/effect_plan.h"
 #include "texturing/codec/mip.h"
 #include "texturing/package/package.h"
+#include "texturing/package/texture_pages.h"
 #include "texturing/stream/relief_normals.h"
 
 namespace relievo {
@@ -57,6 +58,7 @@ class TruthTexture {
   void bilinearCoarser(uint32_t patch, int below_root, glm::dvec2 texel, double weight, std::span<double> sum) const;
 
   std::shared_ptr<const Package> package_;
+  TexturePages pages_;
   PatchDomain domain_;
   TextureFormat format_;
   int stored_planes_ = 0;

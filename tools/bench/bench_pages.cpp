@@ -57,7 +57,7 @@ std::vector<PageId> texturePages(const Manifest& m) {
   std::vector<PageId> pages;
   for (int level = m.domain.texture_depth; level >= 0; --level)
     for (const NodeId& n : nodesOfLevel(m.domain, level))
-      for (int k = 0; k < m.texture.planes(); ++k) pages.emplace_back(texturePlane(k), n);
+      for (int k = 0; k < m.texture.planes() && m.domain.hasTexturePage(n); ++k) pages.emplace_back(texturePlane(k), n);
   return pages;
 }
 

@@ -19,7 +19,7 @@ Result<void> reliefMemoryBench(BenchContext& context) {
   const PatchDomain& domain = context.package->manifest().domain;
   if (domain.relief_depth < 0) return Error{ErrorKind::kUnsupported, "", "the artwork has no relief", "", {}};
   const bool over_mesh = !domain.isFlat();
-  const bool with_tails = over_mesh && domain.patchCount() > EngineOptions{}.most_pinned_patches;
+  const bool with_tails = drawnWithTails(domain, EngineOptions{}.most_pinned_patches);
 
   std::vector<NodeRequest> requests;
   for (int level = domain.relief_depth; level >= 0; level = level == 0 ? -1 : std::max(level - kAncestorStride, 0))

@@ -28,7 +28,7 @@ int ExportGrid::finestLevel(const Manifest& m) {
 }
 
 ExportGrid::ExportGrid(std::shared_ptr<const Package> package, int level)
-    : package_(std::move(package)), level_(level) {
+    : package_(std::move(package)), texture_pages_(std::make_shared<const TexturePages>(package_)), level_(level) {
   columns_ = rows_ = cellsPerPatchSide() + 1;
   if (isFlat()) {
     const FlatDomain d = manifest().domain.flat();
@@ -119,7 +119,8 @@ uint64_t SheetReader::bytes(const ExportGrid& grid, const RowParts& parts) {
         reader.relief_pages_ * reader.relief_rows_ * kReliefSamples * kSampleBytes + kReliefPageSamples * kSampleBytes;
   if (parts.colours)
     bytes += reader.texture_pages_ * reader.texture_rows_ * kPageFullPx * kTexelBytes +
-             static_cast<uint64_t>(grid.manifest().texture.planes() + 1) * kSlotBytes;
+             static_cast<uint64_t>(grid.manifest().texture.planes() + 1) * kSlotBytes +
+             TexturePages::bytes(grid.manifest());
   if (reader.normals_) bytes += ReliefNormals::kCachedBytes;
   return bytes;
 }
@@ -171,10 +172,8 @@ Result<void> SheetReader::readColourPage(const NodeId& at, std::span<uint8_t> te
   std::array<const uint8_t*, kMaxTexturePlanes> slots{};
   for (int k = 0; k < planes; ++k) {
     const PageId id(texturePlane(k), at);
-    auto page = grid_.package().read(id);
-    if (!page) return page.error();
     const auto slot = as_it_is ? texels : std::span(planes_).subspan(static_cast<size_t>(k) * kSlotBytes, kSlotBytes);
-    if (auto decoded = decoder_.decodeToSlot(id.plane(), page->bytes, slot); !decoded) return decoded;
+    if (auto done = grid_.texturePages().read(id, decoder_, slot); !done) return done;
     slots[static_cast<size_t>(k)] = slot.data();
   }
   if (!as_it_is)

@@ -25,6 +25,7 @@
 #include "src/base/result.h"
 #include "texturing/codec/page_codec.h"
 #include "texturing/package/package.h"
+#include "texturing/package/texture_pages.h"
 #include "texturing/stream/relief_normals.h"
 
 namespace relievo {
@@ -37,6 +38,7 @@ class ExportGrid {
   static int finestLevel(const Manifest& manifest);
 
   const Package& package() const { return *package_; }
+  const TexturePages& texturePages() const { return *texture_pages_; }
   const Manifest& manifest() const { return package_->manifest(); }
   int level() const { return level_; }
   bool isFlat() const { return manifest().domain.isFlat(); }
@@ -67,6 +69,7 @@ class ExportGrid {
 
  private:
   std::shared_ptr<const Package> package_;
+  std::shared_ptr<const TexturePages> texture_pages_;
   int level_;
   uint64_t columns_, rows_;
 };

@@ -283,6 +283,9 @@ Json reportJson(const MeshBuildResult& r) {
   json["pages"] = r.pages;
   json["package_bytes"] = r.package_bytes;
   json["relief_bytes"] = r.relief_bytes;
+  json["texture_tolerance"] = r.texture_tolerance;
+  json["texture_nodes"] = r.texture_nodes;
+  json["texture_nodes_left_out"] = r.texture_nodes_left_out;
   const double vertices = static_cast<double>(std::max<uint64_t>(r.vertices, 1));
   json["relief_bits_per_vertex"] = 8.0 * static_cast<double>(r.relief_bytes) / vertices;
   json["package_bits_per_vertex"] = 8.0 * static_cast<double>(r.package_bytes) / vertices;

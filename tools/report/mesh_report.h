@@ -35,6 +35,9 @@ struct MeshBuildResult {
   std::vector<StageCost> stages;
   uint64_t pages = 0, package_bytes = 0, relief_bytes = 0;  // the latter: relief pages of all levels and the base mesh
   uint64_t triangles_read = 0, vertices = 0;
+  // Texture nodes of full trees, and those without pages (BuildOptions::texture_tolerance).
+  uint64_t texture_nodes = 0, texture_nodes_left_out = 0;
+  double texture_tolerance = 0;
 };
 nlohmann::ordered_json reportJson(const MeshBuildResult& result);
 // One file, with its pictures: the error painted on the scan, from four sides.

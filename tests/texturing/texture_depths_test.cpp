@@ -1,0 +1,478 @@
+// Which texture levels of a patch are left out of a package, and what is shown in their place.
+#include "texturing/package/texture_depths.h"
+
+#include <gtest/gtest.h>
+#include <xxhash.h>
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <fstream>
+#include <functional>
+#include <nlohmann/json.hpp>
+#include <set>
+
+#include "patch_fixture.h"
+#include "tests/view_share.h"
+#include "texturing/codec/page_codec.h"
+#include "texturing/package/package.h"
+#include "texturing/package/package_base.h"
+#include "texturing/package/package_layout.h"
+#include "texturing/package/patch_package_builder.h"
+#include "texturing/package/patch_tails.h"
+#include "texturing/package/texture_pages.h"
+#include "texturing/stream/feedback.h"
+
+namespace relievo {
+namespace texture_depths_test {
+
+using namespace testing_support;
+
+constexpr uint64_t kSeed = 23;
+constexpr double kTolerance = kTextureTolerance;
+
+// ---- the comparison of two levels ----
+struct Level {
+  size_t side, border;
+  std::vector<uint8_t> texels;
+  size_t stride() const { return side + 2 * border; }
+  uint8_t& at(size_t channel, int64_t x, int64_t y) {
+    const auto b = static_cast<int64_t>(border);
+    return texels[(channel * stride() + static_cast<size_t>(y + b)) * stride() + static_cast<size_t>(x + b)];
+  }
+  BorderedLevel view() const { return {texels, side, border}; }
+};
+constexpr int kChannels = 2;
+
+Level noise(size_t side, size_t border, uint64_t seed) {
+  Level level{side, border, {}};
+  for (size_t i = 0; i < kChannels * level.stride() * level.stride(); ++i)
+    level.texels.push_back(static_cast<uint8_t>(mixBits(seed + i)));
+  return level;
+}
+// In real numbers, by coordinates of the patch.
+double shownAt(Level& coarse, size_t channel, double u, double v) {
+  const double x = u * static_cast<double>(coarse.side) - 0.5, y = v * static_cast<double>(coarse.side) - 0.5;
+  const auto i = static_cast<int64_t>(std::floor(x)), j = static_cast<int64_t>(std::floor(y));
+  const double f = x - static_cast<double>(i), g = y - static_cast<double>(j);
+  return (coarse.at(channel, i, j) * (1 - f) + coarse.at(channel, i + 1, j) * f) * (1 - g) +
+         (coarse.at(channel, i, j + 1) * (1 - f) + coarse.at(channel, i + 1, j + 1) * f) * g;
+}
+// `fine` made of what `coarse` shows.
+Level shownBy(Level& coarse, size_t side, size_t border) {
+  Level fine = noise(side, border, 1);
+  const auto n = static_cast<int64_t>(side);
+  for (size_t c = 0; c < kChannels; ++c)
+    for (int64_t y = -1; y <= n; ++y)
+      for (int64_t x = -1; x <= n; ++x)
+        fine.at(c, x, y) =
+            static_cast<uint8_t>(std::lround(shownAt(coarse, c, (static_cast<double>(x) + 0.5) / static_cast<double>(n),
+                                                     (static_cast<double>(y) + 0.5) / static_cast<double>(n))));
+  return fine;
+}
+
+bool same(const Level& fine, const Level& coarse, double tolerance) {
+  return showsTheSame(fine.view(), coarse.view(), std::array{tolerance, tolerance});
+}
+
+TEST(TextureDepths, ALevelShowsWhatItsBilinearFilterGives) {
+  for (auto [coarse_side, coarse_border, fine_side] :
+       {std::array<size_t, 3>{16, 4, 128}, {16, 1, 256}, {128, 4, 128}, {128, 4, 256}, {128, 4, 512}}) {
+    Level coarse = noise(coarse_side, coarse_border, kSeed);
+    Level fine = shownBy(coarse, fine_side, 4);  // rounded to bytes
+    EXPECT_TRUE(same(fine, coarse, 0.5)) << coarse_side << " " << fine_side;
+    EXPECT_EQ(same(fine, coarse, 0), coarse_side == fine_side);
+    // One texel off is noticed wherever it lies, next to the patch included; further out it is not looked at.
+    const auto last = static_cast<int64_t>(fine_side);
+    for (size_t channel = 0; channel < kChannels; ++channel)
+      for (auto [x, y] : {std::array<int64_t, 2>{0, 0}, {last - 1, 3}, {-1, 5}, {7, last}, {-1, -1}, {last, last}}) {
+        Level wrong = fine;
+        uint8_t& texel = wrong.at(channel, x, y);
+        texel = static_cast<uint8_t>(texel < 128 ? texel + 3 : texel - 3);
+        EXPECT_FALSE(same(wrong, coarse, 2)) << x << " " << y;
+        EXPECT_TRUE(same(wrong, coarse, 3.5)) << x << " " << y;
+        // By its own channel's tolerance.
+        std::array tolerances{2.0, 2.0};
+        tolerances[channel] = 3.5;
+        EXPECT_TRUE(showsTheSame(wrong.view(), coarse.view(), tolerances));
+        std::reverse(tolerances.begin(), tolerances.end());
+        EXPECT_FALSE(showsTheSame(wrong.view(), coarse.view(), tolerances));
+      }
+    for (auto [x, y] : {std::array<int64_t, 2>{-2, 5}, {last + 1, last + 1}}) {
+      Level beyond = fine;
+      beyond.at(0, x, y) ^= 0x80;
+      EXPECT_TRUE(same(beyond, coarse, 0.5));
+    }
+  }
+}
+
+// ---- packages ----
+using MostlySmooth = MostlySmoothPatches;
+constexpr uint32_t kWeak = MostlySmooth::kWeak, kStrong = MostlySmooth::kStrong, kBent = MostlySmooth::kBent,
+                   kWaves = MostlySmooth::kWaves;
+
+std::vector<uint8_t> readAll(const std::string& path) {
+  std::ifstream in(path, std::ios::binary);
+  return {std::istreambuf_iterator<char>(in), {}};
+}
+void writeAll(const std::string& path, std::span<const uint8_t> bytes) {
+  std::ofstream out(path, std::ios::binary);
+  out.write(reinterpret_cast<const char*>(bytes.data()), static_cast<std::streamsize>(bytes.size()));
+}
+
+BuildOptions optionsOf(const std::string& path, double tolerance) {
+  BuildOptions o;
+  o.output = path;
+  o.workers = 2;
+  o.texture_tolerance = tolerance;
+  o.tool_version = "test";
+  return o;
+}
+std::shared_ptr<Package> built(const std::string& path, const PatchSource& source, double tolerance) {
+  auto done = buildPatchPackage(source, optionsOf(path, tolerance));
+  EXPECT_TRUE(done.ok()) << done.error().text();
+  auto package = Package::open(path);
+  EXPECT_TRUE(package.ok()) << package.error().text();
+  EXPECT_TRUE((*package)->warnings().empty());
+  EXPECT_EQ(done->pages, (*package)->manifest().page_count);
+  return *package;
+}
+
+std::set<uint32_t> around(const BaseMesh& base, uint32_t patch) {
+  std::set<uint32_t> out;
+  for (uint32_t p = 0; p < base.patches.size(); ++p)
+    for (uint32_t corner : base.patches[p])
+      for (uint32_t own : base.patches[patch])
+        if (corner == own) out.insert(p);
+  return out;
+}
+
+// How far the texels that a package leaves out lie from what it shows in their place: from pages of `whole`, which
+// leaves none out, in real numbers; by plane.
+std::array<double, 2> furthestOff(const Package& package, const Package& whole) {
+  const Manifest& m = package.manifest();
+  const PatchTails tails = package.tails(1, nullptr);
+  const TailBlocks blocks(tails, *m.base);
+  const auto planes = static_cast<size_t>(m.texture.planes());
+  PageDecoder decoder;
+  std::vector<uint8_t> fine(kSlotBytes), coarse(kSlotBytes);
+  std::vector<uint32_t> words(tailBlockTexels(0) * planes);
+  std::array<double, 2> furthest{};
+  for (int level = 0; level <= m.domain.texture_depth; ++level)
+    forEachNode(m.domain, level, [&](const NodeId& node) {
+      if (node.level != static_cast<uint32_t>(level) || m.domain.hasTexturePage(node)) return;
+      const auto shown = m.domain.texturedNode(node);
+      for (int plane = 0; plane < m.texture.planes(); ++plane) {
+        auto page = whole.read(PageId(texturePlane(plane), node));
+        ASSERT_TRUE(page.ok());
+        ASSERT_TRUE(decoder.decodeToSlot(texturePlane(plane), page->bytes, fine).ok());
+        double ratio = std::ldexp(8.0, level), x0 = node.x * 128.0, y0 = node.y * 128.0;
+        size_t stride = tailBlockSide(0), border = 1;
+        if (shown) {
+          auto above = package.read(PageId(texturePlane(plane), *shown));
+          ASSERT_TRUE(above.ok());
+          ASSERT_TRUE(decoder.decodeToSlot(texturePlane(plane), above->bytes, coarse).ok());
+          ratio = std::ldexp(1.0, level - static_cast<int>(shown->level));
+          x0 -= shown->x * 128.0 * ratio, y0 -= shown->y * 128.0 * ratio;
+          stride = kPageFullPx, border = kPageBorderPx;
+        } else {
+          blocks.write(node.patch, 0, words.data());
+        }
+        auto texel = [&](int64_t x, int64_t y, int c) -> double {
+          const size_t at = static_cast<size_t>(y) * stride + static_cast<size_t>(x);
+          if (shown) return coarse[4 * at + static_cast<size_t>(c)];
+          return words[at * planes + static_cast<size_t>(plane)] >> (8 * c) & 255;
+        };
+        for (int j = -1; j <= kPagePx; ++j)
+          for (int i = -1; i <= kPagePx; ++i)
+            for (int c = 0; c < 3; ++c) {
+              const double x = (x0 + i + 0.5) / ratio - 0.5 + static_cast<double>(border),
+                           y = (y0 + j + 0.5) / ratio - 0.5 + static_cast<double>(border);
+              const double fx = x - std::floor(x), fy = y - std::floor(y);
+              const auto xi = static_cast<int64_t>(std::floor(x)), yi = static_cast<int64_t>(std::floor(y));
+              const double value = (texel(xi, yi, c) * (1 - fx) + texel(xi + 1, yi, c) * fx) * (1 - fy) +
+                                   (texel(xi, yi + 1, c) * (1 - fx) + texel(xi + 1, yi + 1, c) * fx) * fy;
+              const uint8_t own = fine[4 * static_cast<size_t>((j + kPageBorderPx) * kPageFullPx + i + kPageBorderPx) +
+                                       static_cast<size_t>(c)];
+              double& of_plane = furthest[static_cast<size_t>(plane)];
+              of_plane = std::max(of_plane, std::abs(own - value));
+            }
+      }
+    });
+  return furthest;
+}
+
+TEST(TextureDepths, PackagesLeaveOutWhatShowsAnywayAndNothingElse) {
+  ScratchFolder folder;
+  const MostlySmooth source(kSeed);
+  const auto whole = built(folder.file("whole.relievo"), source, -1),
+             package = built(folder.file("a.relievo"), source, kTolerance);
+  EXPECT_EQ(packageVersion(whole->header()), 4u);
+  EXPECT_EQ(packageVersion(package->header()), 5u);
+  const PatchDomain& d = package->manifest().domain;
+  ASSERT_TRUE(d.textureDepths());
+  std::set<uint32_t> rough;
+  for (uint32_t patch : {kWeak, kStrong, kBent, kWaves}) {
+    auto beside = around(source.base(), patch);
+    rough.insert(beside.begin(), beside.end());
+  }
+  EXPECT_EQ(d.textureDepthOf(kWeak), 1);
+  EXPECT_EQ(d.textureDepthOf(kStrong), 1);
+  EXPECT_EQ(d.textureDepthOf(kBent), 1);
+  EXPECT_EQ(d.textureDepthOf(kWaves), 0);
+  uint32_t bare = 0;
+  for (uint32_t p = 0; p < d.patchCount(); ++p) {
+    bare += d.textureDepthOf(p) == kNoTexturePage;
+    if (!rough.contains(p)) {
+      EXPECT_EQ(d.textureDepthOf(p), kNoTexturePage) << p;
+    }
+  }
+  EXPECT_GE(bare, 12u);
+  EXPECT_TRUE(d.hasUntexturedPatch());
+  EXPECT_EQ(nlohmann::json::parse(package->manifestJson())["version"], 5);
+  EXPECT_EQ(d.texturedNodeCount(0), d.patchCount() - bare);
+
+  const auto off = furthestOff(*package, *whole);
+  EXPECT_LE(off[0], kTolerance);
+  EXPECT_LE(off[1], kTolerance * kNormalTolerance);
+  // Negative control: a builder that drops pages which matter is found out.
+  const auto careless = built(folder.file("careless.relievo"), source, 20);
+  EXPECT_EQ(careless->manifest().domain.textureDepthOf(kWeak), kNoTexturePage);
+  EXPECT_GT(furthestOff(*careless, *whole)[0], 2 * kTolerance);
+  EXPECT_GT(furthestOff(*careless, *whole)[1], 2 * kTolerance * kNormalTolerance);
+
+  // The pages that there are are the same, and the others are not there.
+  forEachNode(d, d.texture_depth, [&](const NodeId& node) {
+    for (int plane = 0; plane < 2; ++plane) {
+      const PageId id(texturePlane(plane), node);
+      auto page = package->read(id);
+      ASSERT_EQ(page.ok(), d.hasTexturePage(node));
+      if (page.ok()) {
+        EXPECT_EQ(page->bytes, whole->read(id)->bytes);
+      } else {
+        EXPECT_FALSE(page.error().offset) << "no such page is no damage";
+      }
+    }
+    const PageId relief(Plane::kRelief, {node.patch, 0, 0, 0});
+    EXPECT_EQ(package->read(relief)->bytes, whole->read(relief)->bytes);
+  });
+  EXPECT_TRUE(package->tails(2, nullptr) == whole->tails(2, nullptr));
+  auto usage = planeUsage(*package, texturePlane(1));
+  ASSERT_TRUE(usage.ok());
+  EXPECT_EQ(usage->pages, d.texturedNodeCount(0) + d.texturedNodeCount(1));
+  EXPECT_EQ(usage->unknown_pages, 0u);
+  auto verified = verifyPackage(*package, {});
+  ASSERT_TRUE(verified.ok());
+  EXPECT_EQ(verified->pages, package->manifest().page_count);
+  EXPECT_TRUE(verified->damaged.empty() && verified->other.empty());
+  EXPECT_LT(package->fileBytes(), whole->fileBytes());
+}
+
+TEST(TextureDepths, TheSameBytesForAnyWorkersAndMemoryAndVersionFourWhereNothingIsLeftOut) {
+  if (test::kSanitized) GTEST_SKIP() << "about figures; others build packages under the sanitizer";
+  ScratchFolder folder;
+  const MostlySmooth source(kSeed, 0);
+  std::vector<std::vector<uint8_t>> all;
+  for (auto [workers, mib] : {std::pair{1, 256}, {3, 256}, {2, 1}}) {
+    BuildOptions o = optionsOf(folder.file("a.relievo"), kTolerance);
+    o.workers = workers;
+    o.memory_budget_bytes = static_cast<uint64_t>(mib) << 20;
+    ASSERT_TRUE(buildPatchPackage(source, o).ok());
+    all.push_back(readAll(o.output));
+  }
+  EXPECT_TRUE(all[0] == all[1]);
+  EXPECT_TRUE(all[0] == all[2]);
+  const NoisyPatches noise(cubeSphere(1, 100, kSeed), 1, 0, kSeed);
+  built(folder.file("b.relievo"), noise, -1);
+  built(folder.file("c.relievo"), noise, kTolerance);
+  EXPECT_TRUE(readAll(folder.file("b.relievo")) == readAll(folder.file("c.relievo")));
+  // Of older kinds of packages nothing is left out.
+  BuildOptions older = optionsOf(folder.file("d.relievo"), kTolerance);
+  older.compact = false;
+  ASSERT_TRUE(buildPatchPackage(source, older).ok());
+  EXPECT_FALSE((*Package::open(older.output))->manifest().domain.textureDepths());
+}
+
+TEST(TextureDepths, PagesForToolsAreWhatIsShown) {
+  ScratchFolder folder;
+  const MostlySmooth source(kSeed);
+  const auto whole = built(folder.file("whole.relievo"), source, -1),
+             package = built(folder.file("a.relievo"), source, kTolerance);
+  const TexturePages pages(package);
+  PageDecoder decoder;
+  std::vector<uint8_t> slot(kSlotBytes), expected(kSlotBytes);
+  int furthest = 0;
+  forEachNode(package->manifest().domain, 1, [&](const NodeId& node) {
+    for (int plane = 0; plane < 2; ++plane) {
+      const PageId id(texturePlane(plane), node);
+      ASSERT_TRUE(pages.read(id, decoder, slot).ok());
+      ASSERT_TRUE(decoder.decodeToSlot(id.plane(), whole->read(id)->bytes, expected).ok());
+      if (package->manifest().domain.hasTexturePage(node)) {
+        EXPECT_TRUE(slot == expected);
+      }
+      for (int y = kPageBorderPx - 1; y <= kPagePx + kPageBorderPx; ++y)
+        for (int x = kPageBorderPx - 1; x <= kPagePx + kPageBorderPx; ++x)
+          for (int c = 0; c < 4; ++c) {
+            const auto at = static_cast<size_t>(4 * (y * kPageFullPx + x) + c);
+            furthest = std::max(furthest, std::abs(slot[at] - expected[at]));
+          }
+    }
+  });
+  EXPECT_LE(furthest, static_cast<int>(kTolerance * kNormalTolerance + 0.5));
+  EXPECT_GT(furthest, 0);
+  EXPECT_FALSE(pages.read(PageId(texturePlane(0), {0, 2, 0, 0}), decoder, slot).ok()) << "deeper than any patch";
+  EXPECT_FALSE(pages.read(PageId(texturePlane(0), {54, 0, 0, 0}), decoder, slot).ok()) << "no such patch";
+}
+
+// ---- requests ----
+TEST(TextureDepths, FeedbackNamesTheFinestNodesThatThereAre) {
+  PatchMeasures measures;
+  measures.texture_depth = 3;
+  PatchDomain domain = PatchDomain::overMesh(3, measures);
+  domain.setTextureDepths(std::make_shared<const TextureDepths>(TextureDepths{3, 1, kNoTexturePage}));
+  auto pixel = [](uint32_t patch, uint32_t level, uint32_t x, uint32_t y) {
+    return std::array<uint32_t, 4>{1u | level << 8, patch, x, y};
+  };
+  const std::vector<std::array<uint32_t, 4>> pixels{pixel(0, 3, 5, 6), pixel(1, 3, 5, 6), pixel(1, 2, 3, 0),
+                                                    pixel(1, 0, 0, 0), pixel(2, 3, 1, 1), pixel(2, 0, 0, 0),
+                                                    pixel(3, 0, 0, 0), pixel(0, 1, 0, 1)};
+  auto nodesOf = [&](FeedbackAnalyzer analyzer) {
+    std::set<NodeId> nodes;
+    for (const NodeRequest& r : analyzer.analyze(pixels, static_cast<int>(pixels.size()), 1)) nodes.insert(r.node);
+    return nodes;
+  };
+  EXPECT_EQ(nodesOf(FeedbackAnalyzer(&domain)), (std::set<NodeId>{{0, 3, 5, 6},
+                                                                  {0, 2, 2, 3},
+                                                                  {0, 1, 1, 1},
+                                                                  {0, 1, 0, 1},
+                                                                  {0, 0, 0, 0},
+                                                                  {1, 1, 1, 1},
+                                                                  {1, 1, 1, 0},
+                                                                  {1, 0, 0, 0}}));
+  // Negative control: who does not know the depths asks for pages that no package has.
+  const auto unaware = nodesOf(FeedbackAnalyzer());
+  EXPECT_TRUE(unaware.contains({2, 3, 1, 1}) && unaware.contains({1, 3, 5, 6}));
+}
+
+// ---- damaged and hostile files ----
+class DepthsOfPackage : public ::testing::Test {
+ protected:
+  void SetUp() override {
+    built(path_, MostlySmooth(kSeed), kTolerance);
+    good_ = bytes_ = readAll(path_);
+    header_ = *decodeHeader({bytes_.data(), kHeaderBytes}, path_);
+  }
+  template <class T>
+  void setField(size_t offset, T value) {
+    for (uint8_t* head : {bytes_.data(), bytes_.data() + bytes_.size() - kHeaderBytes}) {
+      storeLittle(head + offset, value);
+      storeLittle(head + kHeaderBytes - 8, static_cast<uint64_t>(XXH3_64bits(head, kHeaderBytes - 8)));
+    }
+  }
+  // What opening says; empty when it opens.
+  std::string refusal() {
+    writeAll(damaged_, bytes_);
+    auto package = Package::open(damaged_);
+    bytes_ = good_;
+    return package.ok() ? std::string() : package.error().text();
+  }
+  template <class T>
+  std::string withField(size_t offset, T value) {
+    setField(offset, value);
+    return refusal();
+  }
+  // Both copies of the base mesh with other depths, in the same number of bytes or, padded behind, in fewer.
+  std::string withDepths(const std::function<void(TextureDepths&)>& change) {
+    const uint32_t patches = header_.domain.patchCount();
+    std::span<const uint8_t> packed{bytes_.data() + header_.base_offset, header_.base_bytes};
+    auto section = decodeBaseSection(*unpackBaseSection(packed, patches, BaseSectionEnd::kTextureDepths), patches);
+    change(section->texture_depths);
+    std::vector<uint8_t> raw = encodeBaseSection(*section), again;
+    for (int level = 22; level > 0; --level) {
+      again = packBaseSection(raw, level);
+      if (again.size() <= header_.base_bytes) break;
+    }
+    if (again.size() > header_.base_bytes) return "it does not fit";
+    for (uint64_t at : {header_.base_offset, header_.base_copy_offset})
+      std::copy(again.begin(), again.end(), bytes_.begin() + static_cast<std::ptrdiff_t>(at));
+    setField(272, static_cast<uint64_t>(again.size()));
+    setField(280, static_cast<uint64_t>(XXH3_64bits(again.data(), again.size())));
+    return refusal();
+  }
+
+  ScratchFolder folder_;
+  std::string path_ = folder_.file("a.relievo"), damaged_ = folder_.file("b.relievo");
+  std::vector<uint8_t> bytes_, good_;
+  PackageHeader header_;
+};
+
+TEST_F(DepthsOfPackage, hostileFieldsAreRefusedByName) {
+  auto expect = [&](const std::string& found, const std::string& words) {
+    EXPECT_NE(found.find(words), std::string::npos) << found;
+  };
+  EXPECT_EQ(withField(2060, uint32_t{1}), "") << "control: a field set to what it is";
+  expect(withField(2060, uint32_t{2}), "expected patches' texture levels of kind 1 in version 5, found 2");
+  expect(withField(2060, uint32_t{0}), "expected patches' texture levels of kind 1 in version 5, found 0");
+  expect(withField(8, uint32_t{6}), "expected package version 1 to 5, found 6");
+  EXPECT_NE(withField(8, uint32_t{4}), "") << "version 4 has all pages";
+  expect(withField(304, uint64_t{0}), "expected the patches' tails in version 5, found none");
+  // Other numbers of pages and of the index's bytes, within what any depths could make and beyond.
+  for (int64_t step : {-1, 1}) {
+    expect(withField(80, header_.page_count + static_cast<uint64_t>(step)), "texture levels make");
+    expect(withField(56, header_.index_bytes + static_cast<uint64_t>(step)), "texture levels make");
+  }
+  for (uint64_t count : {uint64_t{0}, uint64_t{1} << 40}) {
+    expect(withField(80, count), "pages, found");
+    EXPECT_NE(withField(56, count), "");
+  }
+}
+
+TEST_F(DepthsOfPackage, depthsThatDoNotFitAreRefused) {
+  auto expect = [&](const std::string& found, const std::string& words) {
+    EXPECT_NE(found.find(words), std::string::npos) << found;
+  };
+  EXPECT_EQ(withDepths([](TextureDepths&) {}), "") << "control: the depths that it has";
+  expect(withDepths([](TextureDepths& d) { d[3] = 2; }), "at most 2 texture levels of patch 3, found 3");
+  expect(withDepths([](TextureDepths& d) { d[5] = 100; }), "texture levels of patch 5, found 101");
+  expect(withDepths([](TextureDepths& d) { d[kStrong] = 0; }), "texture levels make");
+  expect(withDepths([](TextureDepths& d) { d.clear(); }), "bytes in a zstd frame");
+}
+
+TEST_F(DepthsOfPackage, damagedTailsOfPatchesWithoutPagesAreCounted) {
+  auto package = *Package::open(path_);
+  std::vector<std::string> problems;
+  EXPECT_EQ(package->tails(1, &problems).failures.pages, 0u);
+  EXPECT_TRUE(problems.empty());
+  // The first chunk lies behind the pages.
+  bytes_[header_.pages_offset + header_.pages_bytes + 100] ^= 1;
+  writeAll(damaged_, bytes_);
+  package = *Package::open(damaged_);
+  const PatchDomain& d = package->manifest().domain;
+  const PatchTails tails = package->tails(1, &problems);
+  const auto bare = d.patchCount() - d.texturedNodeCount(0);
+  EXPECT_EQ(tails.failures.pages, 2 * bare) << "a plane of each patch that has nothing else";
+  EXPECT_GE(problems.size(), 1 + 2 * bare);
+  const TexturePages pages(package);
+  PageDecoder decoder;
+  std::vector<uint8_t> slot(kSlotBytes);
+  for (uint32_t p = 0; p < d.patchCount(); ++p)
+    EXPECT_EQ(pages.read(PageId(texturePlane(0), {p, 0, 0, 0}), decoder, slot).ok(), d.textureDepthOf(p) >= 0) << p;
+  auto verified = verifyPackage(*package, {});
+  ASSERT_TRUE(verified.ok());
+  EXPECT_EQ(verified->other.size(), 1u);
+}
+
+TEST_F(DepthsOfPackage, everyTruncationOpensOrFailsCleanly) {
+  for (size_t keep = 0; keep < bytes_.size(); keep += keep < header_.pages_offset ? 97 : 4099) {
+    writeAll(damaged_, {bytes_.data(), keep});
+    auto package = Package::open(damaged_);
+    if (package.ok()) {
+      EXPECT_FALSE((*package)->warnings().empty());
+    } else {
+      EXPECT_FALSE(package.error().text().empty());
+    }
+  }
+}
+
+}  // namespace texture_depths_test
+}  // namespace relievo
