@@ -814,10 +814,11 @@ void MeshBuild::printSummary() const {
   if (result_.texture_nodes_left_out > 0)
     printOutf(
         "  texture   %llu of %llu nodes have no pages: what is coarser shows them within %.3g of 255 steps "
-        "(normals %.3g degrees)\n",
+        "(normals %.3g degrees, RMS %.2g)\n",
         static_cast<unsigned long long>(result_.texture_nodes_left_out),
         static_cast<unsigned long long>(result_.texture_nodes), result_.texture_tolerance,
-        glm::degrees(kNormalTolerance * result_.texture_tolerance / 127.5));
+        glm::degrees(kNormalTolerance * result_.texture_tolerance / 127.5),
+        glm::degrees(kRmsTolerance * result_.texture_tolerance / 127.5));
   const Fidelity& f = result_.fidelity;
   auto way = [&](const char* name, const OneSidedFidelity& w) {
     printOutf("  %-9s RMS %s, 99.9 %% within %s, all within %s; %.4g %% of the area beyond %s\n", name,

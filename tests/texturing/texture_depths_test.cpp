@@ -72,7 +72,8 @@ Level shownBy(Level& coarse, size_t side, size_t border) {
 }
 
 bool same(const Level& fine, const Level& coarse, double tolerance) {
-  return showsTheSame(fine.view(), coarse.view(), std::array{tolerance, tolerance});
+  return showsTheSame(fine.view(), coarse.view(),
+                      std::array<ChannelTolerance, 2>{{{tolerance, tolerance}, {tolerance, tolerance}}});
 }
 
 TEST(TextureDepths, ALevelShowsWhatItsBilinearFilterGives) {
@@ -92,8 +93,8 @@ TEST(TextureDepths, ALevelShowsWhatItsBilinearFilterGives) {
         EXPECT_FALSE(same(wrong, coarse, 2)) << x << " " << y;
         EXPECT_TRUE(same(wrong, coarse, 3.5)) << x << " " << y;
         // By its own channel's tolerance.
-        std::array tolerances{2.0, 2.0};
-        tolerances[channel] = 3.5;
+        std::array<ChannelTolerance, 2> tolerances{{{2, 2}, {2, 2}}};
+        tolerances[channel] = {3.5, 3.5};
         EXPECT_TRUE(showsTheSame(wrong.view(), coarse.view(), tolerances));
         std::reverse(tolerances.begin(), tolerances.end());
         EXPECT_FALSE(showsTheSame(wrong.view(), coarse.view(), tolerances));
@@ -104,6 +105,23 @@ TEST(TextureDepths, ALevelShowsWhatItsBilinearFilterGives) {
       EXPECT_TRUE(same(beyond, coarse, 0.5));
     }
   }
+}
+
+// What is off everywhere counts more than what is off along a line.
+TEST(TextureDepths, TheRootMeanSquareCountsAsWell) {
+  Level coarse = noise(16, 1, kSeed);
+  for (uint8_t& texel : coarse.texels) texel = static_cast<uint8_t>(64 + texel / 2);
+  const Level fine = shownBy(coarse, 128, 4);
+  Level line = fine, everywhere = fine;
+  for (int64_t y = 0; y < 128; ++y) {
+    line.at(1, 60, y) = static_cast<uint8_t>(line.at(1, 60, y) + 7);
+    for (int64_t x = 0; x < 128; ++x)
+      everywhere.at(1, x, y) = static_cast<uint8_t>(everywhere.at(1, x, y) + ((x ^ y) & 1 ? 2 : -2));
+  }
+  const std::array<ChannelTolerance, 2> tolerances{{{2, 1}, {8, 1}}};
+  EXPECT_TRUE(showsTheSame(line.view(), coarse.view(), tolerances));
+  EXPECT_FALSE(showsTheSame(everywhere.view(), coarse.view(), tolerances));
+  EXPECT_TRUE(same(everywhere, coarse, 3)) << "the control: by the furthest alone it would be left out";
 }
 
 // ---- packages ----

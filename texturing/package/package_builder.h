@@ -32,9 +32,9 @@ struct BuildOptions {
   // Over a base mesh: a package of version 4, which takes far fewer bytes for the relief; else of version 2 or 3, for
   // older readers.
   bool compact = true;
-  // Over a base mesh: texture levels of a patch are left out where every texel is within so many 8-bit steps (of
-  // normals: kNormalTolerance times as many) of what the coarser level or the tail shows (texture_depths.h); the
-  // package is then one of version 5. Negative: none are left out. Of compact packages only.
+  // Over a base mesh: texture levels of a patch are left out where every texel is within so many 8-bit steps of what
+  // the coarser level or the tail shows, as channelTolerances() says (texture_depths.h); the package is then one of
+  // version 5. Negative: none are left out. Of compact packages only.
   double texture_tolerance = -1;
   // Of the planes of either kind. Mip levels are computed from exact values whatever the encoding.
   PageEncoding coefficients, colour;

@@ -603,7 +603,7 @@ class DepthFinder {
   }
 
   Context& c_;
-  const std::vector<double> tolerances_;  // by channel
+  const std::vector<ChannelTolerance> tolerances_;  // by channel
   LevelReader coarse_, fine_;
 };
 

@@ -30,21 +30,24 @@ std::vector<Between> placesAlong(const BorderedLevel& fine, const BorderedLevel&
 
 }  // namespace
 
-std::vector<double> channelTolerances(const TextureFormat& format, double tolerance) {
-  std::vector<double> out(static_cast<size_t>(format.channels()), tolerance);
+std::vector<ChannelTolerance> channelTolerances(const TextureFormat& format, double tolerance) {
+  std::vector<ChannelTolerance> out(static_cast<size_t>(format.channels()), {tolerance, kRmsTolerance * tolerance});
   constexpr size_t kFirstOfNormal = 3;
   if (format.basis == Basis::kAlbedoNormal)
-    std::fill(out.begin() + kFirstOfNormal, out.end(), kNormalTolerance * tolerance);
+    for (size_t channel = kFirstOfNormal; channel < out.size(); ++channel)
+      out[channel].most = kNormalTolerance * tolerance;
   return out;
 }
 
-bool showsTheSame(const BorderedLevel& fine, const BorderedLevel& coarse, std::span<const double> tolerances) {
+bool showsTheSame(const BorderedLevel& fine, const BorderedLevel& coarse,
+                  std::span<const ChannelTolerance> tolerances) {
   assert(fine.border >= 1 && coarse.border >= 1 && coarse.side <= fine.side && fine.side % coarse.side == 0);
   const std::vector<Between> places = placesAlong(fine, coarse);
   const auto parts = static_cast<int64_t>(2 * (fine.side / coarse.side)), whole = parts * parts;
   const size_t stride = coarse.stride();
   for (size_t channel = 0; channel < tolerances.size(); ++channel) {
-    const auto most = static_cast<int64_t>(std::floor(tolerances[channel] * static_cast<double>(whole)));
+    const auto most = static_cast<int64_t>(std::floor(tolerances[channel].most * static_cast<double>(whole)));
+    double squares = 0;
     const uint8_t* texel = fine.texels.data() + channel * fine.stride() * fine.stride() +
                            (fine.border - 1) * fine.stride() + fine.border - 1;
     const uint8_t* plane = coarse.texels.data() + channel * stride * stride;
@@ -54,10 +57,14 @@ bool showsTheSame(const BorderedLevel& fine, const BorderedLevel& coarse, std::s
         const Between& x = places[i];
         const int64_t shown = (above[x.first] * x.weight + above[x.first + 1] * x.next_weight) * y.weight +
                               (below[x.first] * x.weight + below[x.first + 1] * x.next_weight) * y.next_weight;
-        if (std::abs(texel[i] * whole - shown) > most) return false;
+        const int64_t off = texel[i] * whole - shown;
+        if (std::abs(off) > most) return false;
+        squares += static_cast<double>(off) * static_cast<double>(off);
       }
       texel += fine.stride();
     }
+    const auto count = static_cast<double>(places.size() * places.size());
+    if (std::sqrt(squares / count) > tolerances[channel].rms * static_cast<double>(whole)) return false;
   }
   return true;
 }

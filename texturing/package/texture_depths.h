@@ -15,11 +15,19 @@ namespace relievo {
 // Steps of 8 bits by which a texel may differ from what is shown in its place. Two levels that are each rounded to
 // bytes differ by up to one step even where both are exact.
 inline constexpr double kTextureTolerance = 2;
-// Components of normals may differ by so many times as much: with the default by 4 steps of 1/127.5, or 1.8 degrees.
-// They differ most at creases, which pages cut short as well where they are interpolated between the few samples that a
-// small patch has (geometry/bake/bake_texels.h).
-inline constexpr double kNormalTolerance = 2;
-std::vector<double> channelTolerances(const TextureFormat& format, double tolerance);
+// Single components of normals may differ by so many times as much: with the default by 8 steps of 1/127.5, or 3.6
+// degrees. They differ most at creases, which pages cut short as well where they are interpolated between the few
+// samples that a small patch has (geometry/bake/bake_texels.h).
+inline constexpr double kNormalTolerance = 4;
+// The root mean square of a channel's differences may be so many times the tolerance, for normals, too: with the
+// default 1 step, or 0.45 degrees. Shallow relief that a light from the side shows differs everywhere, a crease along a
+// line.
+inline constexpr double kRmsTolerance = 0.5;
+
+struct ChannelTolerance {
+  double most = 0, rms = 0;  // steps of 8 bits
+};
+std::vector<ChannelTolerance> channelTolerances(const TextureFormat& format, double tolerance);
 
 // A patch's level with what lies around it, channel after channel, rows of v from 0.
 struct BorderedLevel {
@@ -29,9 +37,10 @@ struct BorderedLevel {
   size_t stride() const { return side + 2 * border; }
 };
 
-// Is each texel of `fine` within its channel's tolerance of what a bilinear filter of `coarse` gives at its centre? The
-// texels of its border next to the patch count as well: along a side, the patch then shows what its neighbour shows, be
-// that from a page or from a coarser level. coarse.side <= fine.side. Exact: decides in integers.
-bool showsTheSame(const BorderedLevel& fine, const BorderedLevel& coarse, std::span<const double> tolerances);
+// Is each texel of `fine` within its channel's tolerance of what a bilinear filter of `coarse` gives at its centre, and
+// so is the root mean square of these differences? The texels of its border next to the patch count as well: along a
+// side, the patch then shows what its neighbour shows, be that from a page or from a coarser level. coarse.side <=
+// fine.side. Exact: decides in integers.
+bool showsTheSame(const BorderedLevel& fine, const BorderedLevel& coarse, std::span<const ChannelTolerance> tolerances);
 
 }  // namespace relievo
