@@ -124,6 +124,17 @@ TEST(TextureDepths, TheRootMeanSquareCountsAsWell) {
   EXPECT_TRUE(same(everywhere, coarse, 3)) << "the control: by the furthest alone it would be left out";
 }
 
+TEST(TextureDepths, NormalsMayBeFurtherOffInSinglePlaces) {
+  TextureFormat format;
+  format.basis = Basis::kAlbedoNormal;
+  const auto tolerances = channelTolerances(format, 2);
+  ASSERT_EQ(tolerances.size(), 6u);
+  for (size_t channel = 0; channel < tolerances.size(); ++channel) {
+    EXPECT_EQ(tolerances[channel].most, channel < 3 ? 2 : 8) << channel;
+    EXPECT_EQ(tolerances[channel].rms, 1) << channel;
+  }
+}
+
 // ---- packages ----
 using MostlySmooth = MostlySmoothPatches;
 constexpr uint32_t kWeak = MostlySmooth::kWeak, kStrong = MostlySmooth::kStrong, kBent = MostlySmooth::kBent,
@@ -340,6 +351,47 @@ TEST(TextureDepths, PagesForToolsAreWhatIsShown) {
   EXPECT_GT(furthest, 0);
   EXPECT_FALSE(pages.read(PageId(texturePlane(0), {0, 2, 0, 0}), decoder, slot).ok()) << "deeper than any patch";
   EXPECT_FALSE(pages.read(PageId(texturePlane(0), {54, 0, 0, 0}), decoder, slot).ok()) << "no such patch";
+}
+
+// One patch of a cube has waves too short for its root page, and none of the others anything.
+class FineWaves final : public NoisyPatches {
+ public:
+  FineWaves() : NoisyPatches(cubeSphere(1, 100, kSeed), 2, 0, kSeed) {}
+  uint16_t height(uint32_t /*patch*/, int /*x*/, int /*y*/) const override { return 27'306; }
+  Result<void> texels(uint32_t patch, std::span<uint8_t> out) const override {
+    const auto side = static_cast<size_t>(texelSide());
+    for (size_t i = 0; i < out.size(); ++i) {
+      const double x = (static_cast<double>(i % side) + 0.5) / static_cast<double>(side),
+                   y = (static_cast<double>(i / side % side) + 0.5) / static_cast<double>(side);
+      const double fading = std::sin(3.1416 * x) * std::sin(3.1416 * y);
+      out[i] = static_cast<uint8_t>(std::lround(128 + (patch == 0 ? 40 * std::sin(110 * x) * fading * fading : 0)));
+    }
+    return {};
+  }
+};
+
+TEST(TextureDepths, WhatToolsReadComesFromTheRightPartOfTheFinestPage) {
+  ScratchFolder folder;
+  const FineWaves source;
+  const auto whole = built(folder.file("whole.relievo"), source, -1),
+             package = built(folder.file("a.relievo"), source, kTolerance);
+  ASSERT_EQ(package->manifest().domain.textureDepthOf(0), 1);
+  const TexturePages pages(package);
+  PageDecoder decoder;
+  std::vector<uint8_t> slot(kSlotBytes), expected(kSlotBytes);
+  int furthest = 0;
+  for (uint32_t k = 0; k < 16; ++k) {
+    const PageId id(texturePlane(0), {0, 2, k % 4, k / 4});
+    ASSERT_TRUE(pages.read(id, decoder, slot).ok());
+    ASSERT_TRUE(decoder.decodeToSlot(id.plane(), whole->read(id)->bytes, expected).ok());
+    for (int y = kPageBorderPx; y < kPagePx + kPageBorderPx; ++y)
+      for (int x = 4 * kPageBorderPx; x < 4 * (kPagePx + kPageBorderPx); ++x) {
+        const auto at = static_cast<size_t>(4 * y * kPageFullPx + x);
+        furthest = std::max(furthest, std::abs(slot[at] - expected[at]));
+      }
+  }
+  EXPECT_LE(furthest, 2);
+  EXPECT_GT(furthest, 0);
 }
 
 // ---- requests ----
