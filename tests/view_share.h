@@ -24,10 +24,10 @@ inline bool longTests() {
   return node && std::string_view(node) == "1";
 }
 
-// Of n of them: an eighth, or all with RELIEVO_LONG_TESTS=1; at least one.
+// Of n of them: an eighth (or another part), or all with RELIEVO_LONG_TESTS=1; at least one.
 template <class Count>
-Count share(Count n) {
-  return std::max(Count{1}, kSanitized ? n / kViewShare : longTests() ? n : n / 8);
+Count share(Count n, Count part = 8) {
+  return std::max(Count{1}, kSanitized ? n / kViewShare : longTests() ? n : n / part);
 }
 
 inline bool openGlEs() {

@@ -96,12 +96,12 @@ TEST(MeshError, PredictedIsAnUpperBoundOfMeasured) {
     relief.offset_mm = -0.4 * 65535 * relief.scale_mm;
     TrueMeshRelief truth(named.mesh, relief, heights.at);
     Figures f;
-    study(f, named.name, named.mesh, relief, truth, share(40), kSeed + 100 * k, 1);
+    study(f, named.name, named.mesh, relief, truth, share(40, 4), kSeed + 100 * k, 1);
     EXPECT_EQ(f.above, 0) << named.name << ", " << heights.name;
     EXPECT_LE(f.worst, 2)
         << named.name;  // with all pages it also keeps what was asked for, but for the factor where levels meet
     Figures halved;
-    study(halved, named.name, named.mesh, relief, truth, share(12), kSeed + 100 * k, 0.5);
+    study(halved, named.name, named.mesh, relief, truth, share(12, 4), kSeed + 100 * k, 0.5);
     halved_above += halved.above;
     all.views += f.views, all.samples += f.samples, all.nodes += f.nodes;
     all.tightness.insert(all.tightness.end(), f.tightness.begin(), f.tightness.end());
@@ -140,7 +140,7 @@ TEST(MeshError, TightnessOfTheWholeInView) {
       MeshLod selection(std::make_shared<BaseMesh>(named.mesh), relief.depth, relief.offset_mm, relief.scale_mm,
                         std::shared_ptr<const ReliefOracle>(std::shared_ptr<void>(), &truth), truth.coarse());
       std::vector<double> here;
-      for (int k = 0; k < share(12); ++k) {
+      for (int k = 0; k < share(12, 4); ++k) {
         Random random(kSeed + static_cast<uint64_t>(k));
         Camera camera;
         double turn = random.real(0, 6.28), tilt = random.real(-1, 1), distance = size * random.real(0.9, 2.5);
@@ -180,7 +180,7 @@ TEST(MeshError, PartsOfCoarseGrids) {
   std::array<Figures, 3> figures;
   for (size_t k = 0; k < 3; ++k) {
     truth.tell(static_cast<TrueMeshRelief::Parts>(k));
-    study(figures[k], "parts", mesh, relief, truth, share(40), kSeed + 9000, k == 2 ? 0.999 : 1);
+    study(figures[k], "parts", mesh, relief, truth, share(40, 4), kSeed + 9000, k == 2 ? 0.999 : 1);
   }
   std::printf(
       "[ figures  ] cells by whole patches %llu, by parts %llu; predictions from other parts' errors are exceeded in "

@@ -387,11 +387,12 @@ TEST_F(TailsOfPackage, damagedTheyAreMadeOfThePagesAndNamed) {
     const auto problems = package->tailProblems();
     ASSERT_FALSE(problems.empty()) << c.what;
     EXPECT_NE(problems[0].find(c.says), std::string::npos) << c.what << ": " << problems[0];
+    // Whatever is damaged, the same check tells of it, and they are made of the pages in the same way.
+    if (k > 1 && k + 1 != std::size(cases) && !test::longTests()) continue;
     auto verified = verifyPackage(*package, 2, nullptr);
     ASSERT_TRUE(verified.ok());
     EXPECT_FALSE(verified->other.empty()) << c.what;
-    // Whatever is damaged, they are made of the pages in the same way.
-    if (k != 0 && k + 1 != std::size(cases) && !test::longTests()) continue;
+    if (k == 1 && !test::longTests()) continue;
     std::vector<std::string> said;
     EXPECT_TRUE(package->tails(2, &said) == sound) << c.what;
     ASSERT_FALSE(said.empty()) << c.what;

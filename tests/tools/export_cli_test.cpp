@@ -87,7 +87,7 @@ TEST_F(ExportCli, WhatCannotBeIsRefusedInOneSentenceAndTheOldFileStays) {
 }
 
 TEST_F(ExportCli, AnInterruptionOrAFullDiskLeavesNothing) {
-  makeFlat(relievo::test::kSanitized ? 500 : 2000);
+  makeFlat(relievo::test::kSanitized ? 500 : 1400);
   write("big.obj", "precious");
   const std::string command = RELIEVO_PROGRAM " export " + file("a.relievo") + " -o " + file("big.obj");
   Outcome r = run("timeout --foreground --preserve-status -k 60 -s INT 0.5 " + command);
@@ -302,7 +302,8 @@ class PatchMaps : public ExportCli {
   void SetUp() override {
     ExportCli::SetUp();
     write("ball.off", wavyBallOff(40, 24));
-    const Outcome built = relievo("build --mesh " + file("ball.off") + " -o " + file("ball.relievo"));
+    const Outcome built =
+        relievo("build --mesh " + file("ball.off") + " --patches 24 --tolerance 0.1% -o " + file("ball.relievo"));
     ASSERT_EQ(built.exit_code, 0) << built.output;
   }
   // The interpreter that has NumPy; empty: none.
