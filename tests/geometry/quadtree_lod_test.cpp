@@ -134,8 +134,7 @@ TYPED_TEST_SUITE(QuadtreeLod, Forests, Names);
 // What a selection keeps from earlier views changes nothing.
 TYPED_TEST(QuadtreeLod, SameInputSameList) {
   uint64_t different = 0;
-  const int seeds = std::max(share(60), 15 / kViewShare);  // the control asks for more than ten
-  for (uint64_t seed = TypeParam::kSeed; seed < TypeParam::kSeed + static_cast<uint64_t>(seeds); ++seed) {
+  for (uint64_t seed = TypeParam::kSeed; seed < TypeParam::kSeed + share(60); ++seed) {
     TypeParam t(seed), fresh(seed);
     auto& c = t.c;
     const LodResult first = t.lod->select(c.view, c.resident);
@@ -190,11 +189,7 @@ TYPED_TEST(QuadtreeLod, SettlesWhenRequestsAreGrantedAndKeepsNothingElse) {
 // control: pages that come a few at a time, in any order, end in other lists, too, each of which asks for no more.
 TYPED_TEST(QuadtreeLod, WhatPagesLeadToDoesNotDependOnTheirOrder) {
   int of_pages = 0, others = 0, cases = 0;
-  for (uint64_t seed = TypeParam::kSeed; seed < TypeParam::kSeed + 12 +
-                                                    (longTests()  ? 48
-                                                     : kSanitized ? 3
-                                                                  : 16);
-       ++seed) {
+  for (uint64_t seed = TypeParam::kSeed; seed < TypeParam::kSeed + 12 + 48 / kViewShare; ++seed) {
     TypeParam t(seed);
     auto& c = t.c;
     if (!c.view.relief) continue;
