@@ -149,6 +149,7 @@ TEST(KeptMesh, SimplifiedSurfacesAreClosedAndAsExactAsTheySay) {
                         {"a ball", bodyScene(1, 11)},
                         {"a ball, heights x -3", bodyScene(1, 13), -3}};
   for (const Case& c : cases) {
+    if (kSanitized && (&c == &cases[0] || &c == &cases[2])) continue;  // the same code
     const FineSurface surface(c.scene, c.exaggerate, 1'000'000);
     ASSERT_TRUE(surface.whole());
     std::vector<uint32_t> triangles = surface.triangles(6);
@@ -182,6 +183,7 @@ TEST(KeptMesh, SimplifiedSurfacesAreClosedAndAsExactAsTheySay) {
 // Of as many triangles as meshoptimizer leaves, ours are off by less: its quadrics sum up squares of distances, and in
 // single precision, ours are measured.
 TEST(KeptMesh, LeavesLessErrorThanMeshoptimizer) {
+  if (kSanitized) GTEST_SKIP() << "about figures";
 #ifdef RELIEVO_HAS_MESHOPTIMIZER
   const StrategyScene scene = flatScene(256, 256, hills);
   const FineSurface surface(scene, 1, 1'000'000);
