@@ -748,10 +748,8 @@ Result<void> MeshBuild::pack() {
     result_.relief_bytes = relief->bytes + (*opened)->header().base_bytes;
     const PatchDomain& domain = (*opened)->manifest().domain;
     result_.texture_tolerance = a_.texture_tolerance;
-    for (int level = 0; level <= domain.texture_depth; ++level) {
-      result_.texture_nodes += domain.nodeCount(level);
-      result_.texture_nodes_left_out += domain.nodeCount(level) - domain.texturedNodeCount(level);
-    }
+    for (int level = 0; level <= domain.texture_depth; ++level) result_.texture_nodes += domain.nodeCount(level);
+    result_.texture_nodes_left_out = domain.untexturedNodeCount();
   }
   return {};
 }
@@ -813,7 +811,7 @@ void MeshBuild::printSummary() const {
             seconds, each.c_str(), static_cast<double>(peak) / (1 << 20), meshText(result_.mesh).c_str());
   if (result_.texture_nodes_left_out > 0)
     printOutf(
-        "  texture   %llu of %llu nodes have no pages: what is coarser shows them within %.3g of 255 steps "
+        "  texture   %llu of %llu nodes have no pages: what is coarser shows them within %.3g steps of 255 "
         "(normals %.3g degrees, RMS %.2g)\n",
         static_cast<unsigned long long>(result_.texture_nodes_left_out),
         static_cast<unsigned long long>(result_.texture_nodes), result_.texture_tolerance,

@@ -30,8 +30,8 @@ struct MeshBuildArguments {
   BuildOptions package;           // output, workers, compression, encodings, memory
   char up = 'y';                  // the file's axis that points up: x, y or z
   glm::dvec3 rotate_deg{0};       // and then about x, y and z
-  bool quiet = false;             // nothing is said on standard output
-  double texture_tolerance = kTextureTolerance;     // BuildOptions::texture_tolerance
+  double texture_tolerance = kTextureTolerance;     // BuildOptions::texture_tolerance, in the place of the package's
+  bool quiet = false;                               // nothing is said on standard output
   std::vector<std::string>* named_files = nullptr;  // gets the files that the mesh names, there or not
 };
 

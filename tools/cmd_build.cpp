@@ -187,23 +187,9 @@ Result<void> build(const BuildArguments& o) {
                                 .max_packing = o.max_packing};
   if (!o.mesh.empty()) {
     const std::vector<double> turn = numbersOf(o.rotate, 3).value_or(std::vector<double>(3));
-    MeshBuildArguments mesh{o.mesh,
-                            o.texture,
-                            o.ptm,
-                            o.unit,
-                            o.patches,
-                            toleranceIn(o.tolerance, "mm"),
-                            toleranceIn(o.tolerance, "%") / 100,
-                            o.strict,
-                            o.report,
-                            o.json_file,
-                            o.allow_outside,
-                            limits,
-                            options,
-                            o.up[0],
-                            glm::dvec3(turn[0], turn[1], turn[2])};
-    mesh.texture_tolerance = o.texture_tolerance;
-    return buildFromMesh(mesh);
+    return buildFromMesh({o.mesh, o.texture, o.ptm, o.unit, o.patches, toleranceIn(o.tolerance, "mm"),
+                          toleranceIn(o.tolerance, "%") / 100, o.strict, o.report, o.json_file, o.allow_outside, limits,
+                          options, o.up[0], glm::dvec3(turn[0], turn[1], turn[2]), o.texture_tolerance});
   }
   options.resume = o.resume;
   options.checkpoint_s = o.checkpoint_s;

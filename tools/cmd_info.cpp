@@ -61,17 +61,7 @@ nlohmann::ordered_json meshOf(const Package& package) {
   return found != manifest->end() ? *found : nlohmann::ordered_json();
 }
 
-// Texture nodes that have no pages, as nothing in them is finer than what coarser ones or tails show.
-struct TextureLevels {
-  uint64_t left_out = 0, bare_patches = 0;
-};
-TextureLevels texturesOf(const PatchDomain& d) {
-  TextureLevels out;
-  for (int level = 0; level <= d.texture_depth; ++level)
-    out.left_out += d.nodeCount(level) - d.texturedNodeCount(level);
-  out.bare_patches = d.nodeCount(0) - d.texturedNodeCount(0);
-  return out;
-}
+uint64_t patchesWithoutTexture(const PatchDomain& d) { return d.nodeCount(0) - d.texturedNodeCount(0); }
 
 struct InfoArguments {
   std::string file;
@@ -151,9 +141,9 @@ nlohmann::ordered_json jsonOf(const Contents& c) {
   if (auto codec = commonBlockCodec(m)) resident["blocks"] = residentBytesPerTexel(m, *codec);
   json["resident_bytes_per_texel"] = std::move(resident);
   json["pages"] = m.page_count;
-  if (const TextureLevels levels = texturesOf(m.domain); levels.left_out > 0) {
-    json["texture_nodes_left_out"] = levels.left_out;
-    json["patches_without_texture_pages"] = levels.bare_patches;
+  if (const uint64_t left_out = m.domain.untexturedNodeCount(); left_out > 0) {
+    json["texture_nodes_left_out"] = left_out;
+    json["patches_without_texture_pages"] = patchesWithoutTexture(m.domain);
   }
   if (!m.domain.isFlat()) json["tails"] = c.package.hasTails();
   json["bytes_per_px"] = c.bytesPerPx();
@@ -224,11 +214,11 @@ void printPages(const Contents& c) {
                 static_cast<unsigned long long>(p.usage.unknown_pages));
     printOutf("\n");
   }
-  if (const TextureLevels levels = texturesOf(d); levels.left_out > 0)
+  if (const uint64_t left_out = d.untexturedNodeCount(); left_out > 0)
     printOutf("    left out  %llu nodes of texture that nothing needs; %llu patches have none at all, their tails do\n",
-              static_cast<unsigned long long>(levels.left_out), static_cast<unsigned long long>(levels.bare_patches));
+              static_cast<unsigned long long>(left_out), static_cast<unsigned long long>(patchesWithoutTexture(d)));
   if (c.package.hasTails()) {
-    printOutf("  tails     resident whatever is seen, if there are many patches: %.1f MiB\n",
+    printOutf("  tails     resident whatever is seen, if patches are many or have no texture pages: %.1f MiB\n",
               static_cast<double>(tailGpuBytes(d.patchCount(), static_cast<uint64_t>(m.texture.planes()))) / (1 << 20));
   }
   printOutf("  resident  %.3g bytes per texel on a GPU as rgba8", residentBytesPerTexel(m, PageCodec::kLossless));

@@ -102,7 +102,7 @@ struct FlatDomain : PatchMeasures, FlatExtent {
 };
 
 // Of each patch over a base mesh its finest texture level, at most texture_depth. A patch without any page has
-// kNoTexturePage: its tail (base_mesh.h) shows all that there is.
+// kNoTexturePage: its tail (texturing/package/patch_tails.h) shows all that there is.
 using TextureDepths = std::vector<int8_t>;
 inline constexpr int8_t kNoTexturePage = -1;
 
@@ -131,7 +131,11 @@ class PatchDomain : public PatchMeasures {
   }
   // Texture pages of a patch may end at a coarser level than texture_depth: where nothing finer exists, the coarser
   // level or the tail shows the same. Null: all patches have all levels.
-  void setTextureDepths(std::shared_ptr<const TextureDepths> depths) { texture_depths_ = std::move(depths); }
+  void setTextureDepths(std::shared_ptr<const TextureDepths> depths) {
+    texture_depths_ = std::move(depths);
+    untextured_patch_ = texture_depths_ && std::find(texture_depths_->begin(), texture_depths_->end(),
+                                                     kNoTexturePage) != texture_depths_->end();
+  }
   const std::shared_ptr<const TextureDepths>& textureDepths() const { return texture_depths_; }
   int textureDepthOf(uint32_t patch) const { return texture_depths_ ? (*texture_depths_)[patch] : texture_depth; }
   // The node itself, or its finest ancestor that has texture pages. Nothing: its patch has none.
@@ -144,10 +148,7 @@ class PatchDomain : public PatchMeasures {
     return nodeExists(n) && static_cast<int>(n.level) <= textureDepthOf(n.patch);
   }
   // Is there a patch that only its tail shows?
-  bool hasUntexturedPatch() const {
-    return texture_depths_ &&
-           std::find(texture_depths_->begin(), texture_depths_->end(), kNoTexturePage) != texture_depths_->end();
-  }
+  bool hasUntexturedPatch() const { return untextured_patch_; }
 
   // Existing nodes of a level, in all patches.
   uint64_t nodeCount(int level) const {
@@ -161,6 +162,12 @@ class PatchDomain : public PatchMeasures {
     const auto patches = std::count_if(texture_depths_->begin(), texture_depths_->end(),
                                        [level](int8_t depth) { return depth >= level; });
     return static_cast<uint64_t>(patches) << (2 * level);
+  }
+  // Nodes of level 0 .. texture_depth that have none.
+  uint64_t untexturedNodeCount() const {
+    uint64_t nodes = 0;
+    for (int level = 0; level <= texture_depth; ++level) nodes += nodeCount(level) - texturedNodeCount(level);
+    return nodes;
   }
   // Texels of the finest level, those of all patches.
   double texelCount() const {
@@ -178,6 +185,7 @@ class PatchDomain : public PatchMeasures {
   std::optional<FlatExtent> extent_;
   uint32_t mesh_patches_ = 0;  // over a base mesh
   std::shared_ptr<const TextureDepths> texture_depths_;
+  bool untextured_patch_ = false;  // of texture_depths_
 };
 
 }  // namespace relievo

@@ -9,6 +9,9 @@
 #include <cmath>
 #include <cstdint>
 #include <filesystem>
+#include <fstream>
+#include <iterator>
+#include <span>
 #include <string>
 #include <vector>
 
@@ -254,6 +257,15 @@ inline std::vector<double> naiveReliefPage(const HeightSource& source, const std
       out.push_back(scale > 0 ? (mm - source.minMm()) / scale : 0.0);
     }
   return out;
+}
+
+inline std::vector<uint8_t> readAll(const std::string& path) {
+  std::ifstream in(path, std::ios::binary);
+  return {std::istreambuf_iterator<char>(in), {}};
+}
+inline void writeAll(const std::string& path, std::span<const uint8_t> bytes) {
+  std::ofstream out(path, std::ios::binary);
+  out.write(reinterpret_cast<const char*>(bytes.data()), static_cast<std::streamsize>(bytes.size()));
 }
 
 // A folder that goes away with its contents.

@@ -26,15 +26,6 @@ using test::kSanitized;
 using test::longTests;
 namespace fs = std::filesystem;
 
-std::vector<uint8_t> readAll(const std::string& path) {
-  std::ifstream in(path, std::ios::binary);
-  return {std::istreambuf_iterator<char>(in), {}};
-}
-void writeAll(const std::string& path, std::span<const uint8_t> bytes) {
-  std::ofstream out(path, std::ios::binary);
-  out.write(reinterpret_cast<const char*>(bytes.data()), static_cast<std::streamsize>(bytes.size()));
-}
-
 class SmallPackage : public ::testing::Test {
  protected:
   void SetUp() override {

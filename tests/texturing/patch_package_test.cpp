@@ -27,15 +27,6 @@ using test::kSanitized;
 
 constexpr uint64_t kSeed = 17;
 
-std::vector<uint8_t> readAll(const std::string& path) {
-  std::ifstream in(path, std::ios::binary);
-  return {std::istreambuf_iterator<char>(in), {}};
-}
-void writeAll(const std::string& path, std::span<const uint8_t> bytes) {
-  std::ofstream out(path, std::ios::binary);
-  out.write(reinterpret_cast<const char*>(bytes.data()), static_cast<std::streamsize>(bytes.size()));
-}
-
 Result<BuildReport> build(const std::string& path, const PatchSource& source, int workers = 2,
                           uint64_t budget = uint64_t{256} << 20, bool compact = true) {
   BuildOptions o;

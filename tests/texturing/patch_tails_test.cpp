@@ -25,15 +25,6 @@ using namespace testing_support;
 
 constexpr uint64_t kSeed = 20261121;
 
-std::vector<uint8_t> readAll(const std::string& path) {
-  std::ifstream in(path, std::ios::binary);
-  return {std::istreambuf_iterator<char>(in), {}};
-}
-void writeAll(const std::string& path, std::span<const uint8_t> bytes) {
-  std::ofstream(path, std::ios::binary)
-      .write(reinterpret_cast<const char*>(bytes.data()), static_cast<std::streamsize>(bytes.size()));
-}
-
 // Cheaper texels, for many patches.
 class ManyPatches final : public NoisyPatches {
  public:

@@ -140,15 +140,6 @@ using MostlySmooth = MostlySmoothPatches;
 constexpr uint32_t kWeak = MostlySmooth::kWeak, kStrong = MostlySmooth::kStrong, kBent = MostlySmooth::kBent,
                    kWaves = MostlySmooth::kWaves;
 
-std::vector<uint8_t> readAll(const std::string& path) {
-  std::ifstream in(path, std::ios::binary);
-  return {std::istreambuf_iterator<char>(in), {}};
-}
-void writeAll(const std::string& path, std::span<const uint8_t> bytes) {
-  std::ofstream out(path, std::ios::binary);
-  out.write(reinterpret_cast<const char*>(bytes.data()), static_cast<std::streamsize>(bytes.size()));
-}
-
 BuildOptions optionsOf(const std::string& path, double tolerance) {
   BuildOptions o;
   o.output = path;

@@ -885,7 +885,7 @@ Result<BuildReport> buildPatchPackage(const PatchSource& source, const BuildOpti
       [&](size_t done) { reporter.reportTexels(done * patch_texels); });
   if (!kept) return kept.error();
   if (auto found = findTextureDepths(context, header, options, force.workers); !found) return found.error();
-  reporter.expect(packageLayout(d, header.texture, 0, 0).page_count, patches * patch_texels);
+  reporter.expect(header.page_count, patches * patch_texels);
 
   std::vector<uint8_t> base = encodeBaseSection(
       {source.base(), std::move(context.coarse_errors), std::move(context.coarse_blocks), std::move(context.slopes),
