@@ -860,9 +860,14 @@ TEST(ImageDamage, AnExrAttributeLargerThanTheFileIsRefusedBeforeItIsAllocated) {
   while (sound[at] != 0) {
     const std::string name = reinterpret_cast<const char*>(&sound[at]);
     size_t size_at = at + name.size() + 1;
-    size_at += std::strlen(reinterpret_cast<const char*>(&sound[size_at])) + 1;
-    const size_t size = sound[size_at] | sound[size_at + 1] << 8;
-    for (const uint32_t claimed : {0x70000000u, 0xFFFFFFFFu, static_cast<uint32_t>(sound.size() - size_at - 3)}) {
+    const std::string type = reinterpret_cast<const char*>(&sound[size_at]);
+    size_at += type.size() + 1;
+    const uint32_t size = sound[size_at] | sound[size_at + 1] << 8;
+    std::vector<uint32_t> claims{0x70000000u, 0xFFFFFFFFu, static_cast<uint32_t>(sound.size() - size_at - 3)};
+    // Where the type says how long a value is, the library does not look at its size: behind another one it would see
+    // other attributes than we, and believe what they claim.
+    if (type != "string") claims.insert(claims.end(), {size - 1, size + 1});
+    for (const uint32_t claimed : claims) {
       Bytes bytes = sound;
       std::memcpy(&bytes[size_at], &claimed, sizeof claimed);
       const auto image = openHeightImage(save("claims.exr", bytes), {});

@@ -394,7 +394,7 @@ TEST_F(PatchMaps, AreRefusedWhereTheyCannotBeAndComeWithAllTheirFiles) {
 
 // ---- lines ----
 TEST_F(ExportCli, LinesAreDrawnOrListedAndRefusedInOneSentence) {
-  makeFlat();
+  makeFlat(test::kSanitized ? 100 : 300);
   Outcome r = exported("a.relievo", "c.svg", "--contours 0.25");
   EXPECT_EQ(r.exit_code, 0) << r.output;
   EXPECT_NE(r.output.find(" of them closed, "), std::string::npos) << r.output;

@@ -101,7 +101,7 @@ TEST_F(ExportBall, WhatIsClosedComesOutClosedAtEveryLevelAndInEveryFormat) {
   const NoisyPatches source(cubeSphere(2, 40, 3), 0, kReliefDepth, 7);
   const auto package = packageOf(source);
   const uint64_t patches = source.base().patches.size();
-  for (int level = 0; level <= (test::kSanitized ? 4 : kFinest); ++level) {
+  for (int level = 0; level <= (test::kSanitized ? 3 : kFinest); ++level) {
     for (const std::string format : {"ply", "obj", "off", "stl"}) {
       if (level > 4 && format != "ply" && format != "stl") continue;  // text of a million lines
       const std::string name = "ball." + format;
@@ -293,7 +293,7 @@ TEST_F(ExportBall, CellsAreCutAlongTheFirstDiagonal) {
 TEST_F(ExportBall, ErrorsChooseTheCoarsestLevelThatKeepsThem) {
   const NoisyPatches source(cubeSphere(1, 40, 5), 0, kReliefDepth, 11);
   const auto package = packageOf(source);
-  for (int level = 0; level <= (test::kSanitized ? 4 : kFinest); ++level) {
+  for (int level = 0; level <= (test::kSanitized ? 2 : kFinest); ++level) {
     const MeshExportReport as_asked = exported(package, "a.ply", {.level = level});
     ASSERT_TRUE(as_asked.error_mm.has_value());
     EXPECT_EQ(*as_asked.error_mm == 0, level == kFinest);

@@ -127,7 +127,7 @@ TEST_F(PackageCli, WalksOverAFilesClaimsEndWhenInterrupted) {
 
 TEST_F(PackageCli, ADeepManifestTakesNoStack) {
   std::string deep;
-  constexpr int kLevels = test::kSanitized ? 200000 : 1000000;
+  constexpr int kLevels = test::kSanitized ? 100000 : 300000;
   for (int i = 0; i < kLevels; ++i) deep += "{\"mesh\":";
   deep += "0" + std::string(kLevels, '}');
   // Of a scan, what the manifest says of it is printed.

@@ -96,53 +96,108 @@ Result<std::optional<double>> noDataOf(const InputFile& file) {
   return none;
 }
 
+namespace {
+
+// Goes through the header of an OpenEXR file.
+struct ExrHeader {
+  const InputFile& file;
+  uint64_t at = 0;
+  bool ended = false;  // the text that was read last has no end where it may have one
+
+  Result<std::string> text() {
+    constexpr size_t kMostText = 256;  // of a name, with its end
+    std::array<uint8_t, kMostText> bytes;
+    const auto part = std::span(bytes).first(static_cast<size_t>(std::min<uint64_t>(bytes.size(), file.size() - at)));
+    if (auto read = file.read(at, part); !read) return read.error();
+    const auto end = std::find(part.begin(), part.end(), uint8_t{0});
+    ended = end == part.end();
+    at += static_cast<uint64_t>(end - part.begin()) + 1;
+    return std::string(part.begin(), end);
+  }
+  Result<uint32_t> number() {
+    std::array<uint8_t, 4> bytes;
+    if (auto read = file.read(at, bytes); !read) return read.error();
+    at += bytes.size();
+    return bytes[0] | bytes[1] << 8 | bytes[2] << 16 | static_cast<uint32_t>(bytes[3]) << 24;
+  }
+  // How many bytes the library reads of a value of this type, of `size` bytes from here, whatever its size claims to be.
+  Result<uint64_t> bytesRead(const std::string& type, uint64_t size) {
+    constexpr std::pair<const char*, uint64_t> kFixed[] = {
+        {"box2f", 16}, {"box2i", 16},  {"chromaticities", 32}, {"compression", 1}, {"deepImageState", 1}, {"double", 8},
+        {"envmap", 1}, {"float", 4},   {"int", 4},             {"keycode", 28},    {"lineOrder", 1},      {"m33d", 72},
+        {"m33f", 36},  {"m44d", 128},  {"m44f", 64},           {"rational", 8},    {"tiledesc", 9},       {"timecode", 8},
+        {"v2d", 16},   {"v2f", 8},     {"v2i", 8},             {"v3d", 24},        {"v3f", 12},           {"v3i", 12}};
+    for (const auto& [name, bytes] : kFixed)
+      if (type == name) return bytes;
+    if (type == "preview" && size >= 8) {
+      auto width = number();
+      if (!width) return width.error();
+      auto height = number();
+      if (!height) return height.error();
+      const auto pixels = static_cast<unsigned __int128>(*width) * *height;
+      return static_cast<uint64_t>(std::min<unsigned __int128>(8 + 4 * pixels, ~uint64_t{0}));
+    }
+    if (type != "chlist") return size;
+    constexpr uint64_t kBytesPerChannel = 16;  // behind its name
+    const uint64_t first = at, end = at + size;
+    while (at < end) {
+      auto channel = text();
+      if (!channel) return channel.error();
+      if (channel->empty()) return at - first;
+      at += kBytesPerChannel;
+    }
+    return std::max(at, end + 1) - first;  // the list goes on
+  }
+};
+
+}  // namespace
+
 // OpenEXR allocates what an attribute of the header claims before it looks for it in the file: 271 bytes take 1.8 GB.
 // Each is a name and a type, which end with a 0, a size and that many bytes; a header ends with an empty name, several
-// parts with an empty header. What is no such list is left to the library to refuse.
+// parts with an empty header. Of the types that the library knows it reads what the type says, and takes what comes
+// next for the next attribute: there another size would lead us past claims that the library believes. What is no such
+// list is left to the library to refuse.
 Result<void> checkExrHeader(const InputFile& file) {
   constexpr std::array<uint8_t, 4> kMagic{0x76, 0x2F, 0x31, 0x01};
-  constexpr size_t kMostText = 256;  // of a name, with its end
   constexpr int kMostAttributes = 65536;
   constexpr uint8_t kMultiPart = 0x10;  // in the second byte of the flags
   std::array<uint8_t, 8> head{};
   if (file.size() < head.size()) return {};
   if (auto read = file.read(0, head); !read) return read;
   if (!std::equal(kMagic.begin(), kMagic.end(), head.begin())) return {};
-  uint64_t at = head.size();
-  bool ends = false;
-  auto text = [&]() -> Result<std::string> {
-    std::array<uint8_t, kMostText> bytes;
-    const auto part = std::span(bytes).first(static_cast<size_t>(std::min<uint64_t>(bytes.size(), file.size() - at)));
-    if (auto read = file.read(at, part); !read) return read.error();
-    const auto end = std::find(part.begin(), part.end(), uint8_t{0});
-    ends = end == part.end();
-    at += static_cast<uint64_t>(end - part.begin()) + 1;
-    return std::string(part.begin(), end);
-  };
+  ExrHeader header{file, head.size()};
   bool any = false;  // in this header
   for (int k = 0; k < kMostAttributes; ++k) {
-    auto name = text();
+    auto name = header.text();
     if (!name) return name.error();
-    if (ends) return {};
+    if (header.ended) return {};
     if (name->empty()) {
       if (!(head[5] & kMultiPart) || !any) return {};
       any = false;
       continue;
     }
     any = true;
-    auto type = text();
+    auto type = header.text();
     if (!type) return type.error();
-    std::array<uint8_t, 4> bytes;
-    if (ends || file.size() - at < bytes.size()) return {};
-    if (auto read = file.read(at, bytes); !read) return read;
-    const uint64_t size = bytes[0] | bytes[1] << 8 | bytes[2] << 16 | static_cast<uint64_t>(bytes[3]) << 24;
-    if (size > file.size() - at - bytes.size()) {
+    const uint64_t size_at = header.at;
+    if (header.ended || file.size() - size_at < 4) return {};
+    auto size = header.number();
+    if (!size) return size.error();
+    const uint64_t value_at = header.at;
+    auto attribute = [&](const std::string& expected, const std::string& found) {
       return Error{ErrorKind::kInvalidData, file.path(),
-                   "expected the EXR header's attribute \"" + oneLine(*name) + "\" within the file of " +
-                       std::to_string(file.size()) + " bytes, found a size of " + std::to_string(size),
-                   kDamagedHint, at};
+                   "expected the EXR header's attribute \"" + oneLine(*name) + "\" " + expected + ", found " + found,
+                   kDamagedHint, size_at};
+    };
+    if (*size > file.size() - value_at) {
+      return attribute("within the file of " + std::to_string(file.size()) + " bytes",
+                       "a size of " + std::to_string(*size));
     }
-    at += bytes.size() + size;
+    auto bytes = header.bytesRead(*type, *size);
+    if (!bytes) return bytes.error();
+    if (*bytes != *size)
+      return attribute("of " + std::to_string(*bytes) + " bytes", std::to_string(*size));
+    header.at = value_at + *size;
   }
   return {};
 }
