@@ -2,7 +2,7 @@
 // evaluated under the light (CPU reference: src/artwork/basis.h). TAILS_ONLY: no page is looked up. PLANES: texture
 // planes read. SHADING: of shading.h. Of a linear basis (shadingDefines() of src/render/picture_target.h) COEFFICIENTS
 // is how many there are; TERMS is TERM(plane, channel, coefficient, colour) for each channel that holds one; COLOUR, of
-// a luminance, is CHANNEL(plane, channel) of red, green and blue.
+// a luminance, is CHANNEL(plane, channel) of red, green and blue. LIGHTS, LIGHT_FILES: lights.glsl shades.
 #include "shading.h"
 #include "texture_lookup.glsl"
 
@@ -13,7 +13,7 @@ uniform vec3 u_light;            // the unit vector towards it, in the artwork's
 uniform vec3 u_fade;             // frame time as in PageTableEntry::birth; 1 / (fade time in 1/64 s); 1: fades are over
 
 #ifdef SHADOWS
-uniform sampler2D u_light_share;  // of each pixel (shadow.frag)
+uniform sampler2D u_light_share;  // of each pixel (shadow.frag): one, or with LIGHTS one a component
 #endif
 
 out vec4 o_colour;
@@ -262,10 +262,21 @@ int sampleLevel(Place wanted, out vec3 channels[PLANES]) {
 float shadeOf(float light) { return pow(kAmbientShare + (1.0 - kAmbientShare) * light, 1.0 / kDisplayGamma); }
 #endif
 
-vec3 shade(vec3 channels[PLANES]) {
 #define CHANNEL(plane, channel) channels[plane][channel]
 // As it is stored, above its offset.
 #define STORED(plane, channel, k) (CHANNEL(plane, channel) - u_coefficients[k].y)
+
+#if SHADING == RV_SHADING_ALBEDO_NORMAL
+// Lambert's law, shown on a display. share: of the light.
+vec3 underLight(vec3 channels[PLANES], vec3 light, float share) {
+  float lit = max(dot(channels[1] / kNormalUnit - 1.0, light), 0.0) * share;
+  return channels[0] * pow(min(kAmbientShare + (1.0 - kAmbientShare) * lit, 1.0), 1.0 / kDisplayGamma);
+}
+#endif
+
+#include LIGHT_FILES
+#ifndef LIGHTS
+vec3 shade(vec3 channels[PLANES]) {
 #if SHADING == RV_SHADING_COLOUR
   return channels[0];
 #elif SHADING == RV_SHADING_LUMINANCE
@@ -279,14 +290,14 @@ vec3 shade(vec3 channels[PLANES]) {
   TERMS
   return sum;
 #elif SHADING == RV_SHADING_ALBEDO_NORMAL
-  // Lambert's law, shown on a display.
-  float lit = max(dot(channels[1] / kNormalUnit - 1.0, u_light), 0.0);
 #ifdef SHADOWS
-  lit *= texelFetch(u_light_share, ivec2(gl_FragCoord.xy), 0).r;
+  return underLight(channels, u_light, texelFetch(u_light_share, ivec2(gl_FragCoord.xy), 0).r);
+#else
+  return underLight(channels, u_light, 1.0);
 #endif
-  return channels[0] * pow(min(kAmbientShare + (1.0 - kAmbientShare) * lit, 1.0), 1.0 / kDisplayGamma);
 #endif
 }
+#endif
 
 #ifdef EFFECT_FILES
 // What effects know of a pixel beside its colour and the surface's v_...: texture levels, 0 the root's.
@@ -355,7 +366,7 @@ void main() {
   for (int k = 0; k < PLANES; ++k) channels[k] += (g_tail[k] - channels[k]) * share;
 #endif
   vec3 colour = shade(channels) / 255.0;
-#if defined(SHADOWS) && SHADING != RV_SHADING_ALBEDO_NORMAL
+#if defined(SHADOWS) && SHADING != RV_SHADING_ALBEDO_NORMAL && !defined(LIGHTS)
   colour *= shadeOf(texelFetch(u_light_share, ivec2(gl_FragCoord.xy), 0).r);
 #endif
 #ifdef EFFECT_FILES

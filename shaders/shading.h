@@ -16,6 +16,8 @@ namespace relievo::shader {
 RV_REAL kAmbientShare = 0.04;  // of the light that falls on a scan
 RV_REAL kDisplayGamma = 2.2;
 RV_REAL kNormalUnit = 127.5;  // a byte b of a normal stands for b / kNormalUnit - 1
+// A near light's distance counts as no less than this share of the one at which its intensity is as stated.
+RV_REAL kNearestOfReference = 1e-3;
 
 #undef RV_REAL
 #ifdef __cplusplus

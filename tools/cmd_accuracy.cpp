@@ -219,6 +219,9 @@ void addAccuracyCommand(CLI::App& app, CommandContext& context) {
       auto scene = readScene(o->file);
       if (!scene) return context.fail(scene.error());
       o->file = scene->artwork;
+      if (!scene->lights.empty() && c->count("--light") == 0)
+        return context.fail(usageError("accuracy is measured under one white light, and the scene has others",
+                                       "give one in their place with --light"));
       if (scene->light && c->count("--light") == 0) o->light = tripleText(*scene->light);
     }
     if (auto done = accuracy(*o); !done) context.fail(done.error());

@@ -41,7 +41,8 @@ std::string snapshotScene(const ViewOptions& o, const OrbitCamera& camera, const
               {},
               camera.orthographic ? std::optional(true) : std::nullopt,
               std::array{target.x, target.y, target.z}};
-  s.light = shown.light;
+  if (shown.lights.empty()) s.light = shown.light;
+  else s.lights = shown.lights;
   if (shown.wireframe) s.wireframe = true;
   if (shown.overlay) s.show = std::string(shown.overlay->name);
   s.settings.least_cell = shown.least_cell;
@@ -106,8 +107,8 @@ void addViewCommand(CLI::App& app, CommandContext& context) {
   c->footer(
       "Left drag turns about the point under the mouse, middle drag (or Shift + left drag) moves it, the wheel zooms "
       "to it; the eye\n"
-      "stays outside of the artwork. Right drag (or L held) moves the light. O goes over to an orthographic view and "
-      "back. R resets,\n"
+      "stays outside of the artwork. Right drag (or L held) moves the light, of several the first that is far away. O "
+      "goes over to\nan orthographic view and back. R resets, "
       "W wireframe, P pages, S writes a snapshot and its scene into the current folder, F1 help, F2 figures, Esc "
       "quits. Without a "
       "display, use relievo render.\n\n"

@@ -109,14 +109,21 @@ void SceneOptions::addCamera(CLI::App& c) {
 
 void SceneOptions::addLight(CLI::App& c) {
   c.option_defaults()->group("Light");
-  c.add_option("--light", light,
-               "X,Y,Z towards the light: right, up, to the viewer; of a scan it turns with the camera, but for "
-               "--no-relight [0,0,1]");
-  c.add_flag("--no-relight", no_relight,
-             "Fixed light: coefficients are resolved once per page, not per pixel and frame");
+  auto* one = c.add_option("--light", light,
+                           "X,Y,Z towards the light: right, up, to the viewer; of a scan it turns with the camera, but "
+                           "for --no-relight [0,0,1]");
+  c.add_option("--lights", lights,
+               "Up to 4 lights in the place of --light, in JSON, as a scene's \"lights\" has them: near "
+               "(position_mm) or far away (towards), each with intensity and color; they add up in linear light. "
+               "Example: '[{\"towards\":[-1,0,0.3]},{\"position_mm\":[40,0,25],\"color\":[1,0.6,0.3]}]'")
+      ->excludes(one);
+  c.add_flag(
+      "--no-relight", no_relight,
+      "Fixed light: coefficients are resolved once per page, not per pixel and frame (of --lights the directions "
+      "alone are fixed)");
   c.add_flag("--shadows", shadows,
-             "The relief casts shadows on itself, up to the border of what is drawn. Over a PTM they come beside those "
-             "that were measured: they are simulated");
+             "The relief casts shadows on itself, up to the border of what is drawn, in each light that is far away; "
+             "near lights cast none. Over a PTM they come beside those that were measured: they are simulated");
   c.add_flag("--unlit", unlit,
              "Colour as it is, without a light: of an image with a height map, which is lit by its relief otherwise, "
              "and of a scan");
@@ -301,7 +308,10 @@ Result<std::optional<SceneFile>> SceneOptions::takeScene(std::string& file, std:
   }
   if (!orthographic && !mm_per_px) take(c.fov_deg, fov);
   if (target.empty() && c.target_mm) target = tripleText(*c.target_mm);
-  if (light.empty() && s.light) light = tripleText(*s.light);
+  if (light.empty() && lights.empty()) {
+    if (s.light) light = tripleText(*s.light);
+    scene_lights = s.lights;
+  }
   const auto takeFlag = [&](const char* option, const std::optional<bool>& from, bool& to) {
     if (from && !given(option)) to = *from;
   };
@@ -364,6 +374,13 @@ Result<Scene> SceneOptions::scene() const {
     if (!l) return l.error();
     s.light = *l;
   }
+  s.lights = scene_lights;
+  if (!lights.empty()) {
+    auto parsed = parseLights(lights);
+    if (!parsed) return usageError("--lights: " + parsed.error().message, parsed.error().hint);
+    s.lights = std::move(*parsed);
+  }
+  if (!s.lights.empty()) s.light = singleLight(s);
   if (s.light[0] == 0 && s.light[1] == 0 && s.light[2] == 0)
     return usageError("the light's direction is zero", "for example --light -0.7,0.4,0.6");
   if (!std::isfinite(exaggerate) || std::abs(exaggerate) > 1e4)

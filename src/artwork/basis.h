@@ -7,7 +7,8 @@
 //   Shading::kLuminance  one such sum, times a colour: pixel = R G B * L / 255
 //   Shading::kColours    such a sum for each colour: pixel_c = L_c
 // Pixels are clamped to 0..255. A channel of a plane holds one coefficient of one colour (or of the luminance), or one
-// component of the colour, in any order. The functions are evaluated on the CPU, once a frame or page.
+// component of the colour, in any order. The functions are evaluated on the CPU, once a frame or page; under lights
+// near the artwork on the GPU, once a pixel.
 //
 // Two bases are not linear. Colour is shown as it is. Albedo and normal (of scans): sRGB albedo, and the surface's
 // normal n in the artwork's space, a byte b for b / 127.5 - 1; filtered normals stay short, so that what is rough
@@ -66,6 +67,9 @@ struct BasisDescription {
   int coefficients = 0;  // N
   // Writes the N values f_k(l) for any unit vector l, also one from behind the object. Pure; called from any thread.
   void (*functions)(const std::array<double, 3>& light, std::span<double> out) = nullptr;
+  // The file of shaders/ that computes the same for each pixel: void basisFunctions(vec3 light, out float
+  // functions[COEFFICIENTS]). Lights near the artwork need it; empty: they are refused (sceneProblem()).
+  std::string_view functions_file{};
   // With kLuminance: the functions' means over the lights of the upper hemisphere, evenly by solid angle. They weigh
   // colours at coarser levels (mip.h).
   std::array<double, kMaxCoefficients> diffuse{};

@@ -88,4 +88,6 @@ Extent artworkExtent(const Manifest& manifest, double exaggerate) {
   return extent;
 }
 
+glm::dvec3 artworkMiddle(const Manifest& manifest) { return artworkExtent(manifest, 0).centre(); }
+
 }  // namespace relievo

@@ -27,5 +27,7 @@ struct Artwork {
 Artwork artworkFromPackage(std::shared_ptr<const Package> package, const std::atomic<bool>* stop = nullptr);
 // The box around what is drawn, with heights times exaggerate. For a flat artwork it is the plane z = 0.
 Extent artworkExtent(const Manifest& manifest, double exaggerate = 1);
+// The middle of that box without heights, mm.
+glm::dvec3 artworkMiddle(const Manifest& manifest);
 
 }  // namespace relievo

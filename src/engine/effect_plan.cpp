@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <cmath>
 
+#include "src/engine/artwork.h"
 #include "src/render/picture_target.h"
 #include "src/render/sample_stack.h"
 
@@ -17,8 +18,13 @@ EffectPlan planEffects(const Scene& scene, const Manifest& manifest) {
   plan.stored = manifest.texture.basis;
   const TextureFormat format = plan.format(manifest);
   const bool lit = format.basis != Basis::kColour && !scene.unlit;
-  plan.relight = scene.relight && lit;
-  plan.resolve = !scene.relight && lit;
+  if (lit) {
+    const std::vector<SceneLight> lights = shadedLights(scene.lights);
+    plan.lights = static_cast<int>(lights.size());
+    plan.near_lights = nearCount(lights);
+  }
+  plan.relight = lit && (scene.relight || plan.lights > 0);
+  plan.resolve = lit && !plan.relight;
   plan.shade = plan.relight ? format.basis : Basis::kColour;
   if (plan.resolve) {
     plan.texture_planes = {Plane::kResolved};
@@ -33,7 +39,7 @@ EffectPlan planEffects(const Scene& scene, const Manifest& manifest) {
   plan.filter = scene.filter;
   plan.wireframe = scene.wireframe;
   plan.samples = static_cast<int>(samplePattern(scene.samples).size());
-  plan.shadows = scene.shadows && plan.relief && plan.lit();
+  plan.shadows = scene.shadows && plan.relief && plan.lit() && (plan.lights == 0 || plan.lights > plan.near_lights);
   for (const PixelEffect* effect : pixelEffects())
     for (const EffectSetting& setting : scene.effects)
       if (setting.effect == effect && !setting.changesNothing()) plan.tones.push_back(effect);
@@ -49,7 +55,19 @@ TextureFormat EffectPlan::format(const Manifest& manifest) const {
 
 std::string sceneProblem(const Scene& scene, const Manifest& manifest) {
   const BasisDescription& basis = describe(manifest.texture.basis);
-  return scene.unlit && basis.coefficients > 0 ? std::string(basis.title) + " has no colour without a light" : "";
+  const std::string title(basis.title);
+  if (scene.unlit) return basis.coefficients > 0 ? title + " has no colour without a light" : "";
+  if (scene.lights.size() > kMaxLights)
+    return "a scene has at most " + std::to_string(kMaxLights) + " lights, found " +
+           std::to_string(scene.lights.size());
+  for (const SceneLight& light : scene.lights) {
+    if (!light.near) continue;
+    if (basis.coefficients > 0 && basis.functions_file.empty())
+      return title + " of the basis " + std::string(basis.name) + " can be lit from far away only, by no near light";
+    if (light.reference_mm == 0 && placedLight(light, glm::dmat3(1), artworkMiddle(manifest)).reference_mm == 0)
+      return "a light in the middle of the artwork needs a distance at which its intensity is as stated (reference_mm)";
+  }
+  return "";
 }
 
 gl::Defines EffectPlan::defines() const {
@@ -64,6 +82,15 @@ gl::Defines EffectPlan::defines() const {
   if (anisotropy > 1) d.emplace_back("ANISOTROPY", std::to_string(anisotropy));
   if (fade) d.emplace_back("FADE", "1");
   if (shadows) d.emplace_back("SHADOWS", "1");
+  if (lights > 0) {
+    d.emplace_back("LIGHTS", std::to_string(lights));
+    d.emplace_back("LIGHT_FILES", "\"lights.glsl\"");
+  }
+  if (near_lights > 0) {
+    d.emplace_back("NEAR_LIGHTS", std::to_string(near_lights));
+    if (const std::string_view file = describe(shade).functions_file; !file.empty())
+      d.emplace_back("BASIS_FILES", "\"" + std::string(file) + "\"");
+  }
   if (filter == Filter::kFast) d.emplace_back("FAST_FILTER", "1");
   for (auto& define : effectDefines(tones, overlay)) d.push_back(std::move(define));
   return d;
@@ -73,6 +100,7 @@ std::vector<std::string> EffectPlan::passes() const {
   std::vector<std::string> names{"surface", "shade", "feedback"};
   if (samples > 1) names.insert(names.begin() + 2, "average");
   if (wireframe) names.insert(names.begin() + 2, "wireframe");
+  if (near_lights > 0) names.insert(names.begin() + 1, "kept depth");
   if (shadows) names.insert(names.begin() + 1, {"shadow map", "shadow"});
   return names;
 }
@@ -97,6 +125,11 @@ std::vector<std::string> EffectPlan::planesRead() const {
 bool EffectPlan::samePages(const EffectPlan& other) const {
   return texture_planes == other.texture_planes && relief == other.relief && resolve == other.resolve &&
          normals_exaggerate == other.normals_exaggerate;
+}
+
+std::array<double, 3> singleLight(const Scene& scene) {
+  const SceneLight* far = firstFarLight(scene.lights);
+  return normalizedLight(far ? far->place : scene.light);
 }
 
 std::array<double, 3> normalizedLight(const std::array<double, 3>& light) {

@@ -7,6 +7,7 @@
 #include <string>
 #include <vector>
 
+#include "src/engine/effects/lights.h"
 #include "src/engine/effects/pixel_effect.h"
 #include "src/gl/program.h"
 #include "texturing/codec/page_id.h"
@@ -28,13 +29,18 @@ struct Scene {
   // The direction towards the light: x right, y up, z to the viewer of a flat artwork's front; normalised on use. Over
   // a base mesh the light turns with the camera if `relight` is set, and is fixed to the artwork if not.
   std::array<double, 3> light{0, 0, 1};
+  // In the place of that one white light: up to kMaxLights, near or far away (effects/lights.h). Those far away turn as
+  // `light` does; near ones stay where they are. Empty: `light` alone.
+  std::vector<SceneLight> lights;
   bool relief = true;  // displaced geometry, where the package has relief
   // The stored colour is shown, without a light. This needs an image or a scan: a PTM has no colour without a light
   // (sceneProblem).
   bool unlit = false;
-  bool relight = true;  // false: the light is fixed and resolved once per page
-  // The relief casts shadows on itself, where it is displaced and lit. Over a PTM they are simulated beside those that
-  // were measured.
+  // False: the light is fixed. One white light far away is then resolved once per page; others are evaluated for each
+  // pixel all the same.
+  bool relight = true;
+  // The relief casts shadows on itself, where it is displaced and lit, in each light that is far away: near lights cast
+  // none. Over a PTM they are simulated beside those that were measured.
   bool shadows = false;
   Sampling sampling = Sampling::kTrilinear;
   int anisotropy = kMaxAnisotropy;  // taps at most, 1 .. kMaxAnisotropy; read by kAnisotropic only
@@ -69,6 +75,8 @@ struct EffectPlan {
   bool relief = false;
   bool geomorph = false;
   bool relight = false;
+  // How many lights are evaluated for each pixel, and how many of these are near; 0: one white light far away.
+  int lights = 0, near_lights = 0;
   // If not 0, colour is lit by the normals of its relief, with heights times this (texturing/stream/relief_normals.h).
   // The normals are one more plane that is uploaded.
   double normals_exaggerate = 0;
@@ -99,6 +107,8 @@ EffectPlan planEffects(const Scene& scene, const Manifest& manifest);
 // Why the artwork cannot be shown as the scene asks; empty: it can.
 std::string sceneProblem(const Scene& scene, const Manifest& manifest);
 std::string planeName(Plane plane, Basis basis);
+// Towards the first light that is far away; Scene::light where `lights` has none.
+std::array<double, 3> singleLight(const Scene& scene);
 std::array<double, 3> normalizedLight(const std::array<double, 3>& light);
 
 }  // namespace relievo

@@ -9,6 +9,7 @@
 #include <thread>
 #include <utility>
 
+#include <glm/gtc/matrix_transform.hpp>
 #include <glm/gtc/type_ptr.hpp>
 
 #include "geometry/lod/lod_worker.h"
@@ -24,6 +25,7 @@
 #include "src/render/base_corners.h"
 #include "src/render/block_formats.h"
 #include "src/render/depth_probe.h"
+#include "src/render/kept_depth.h"
 #include "src/render/page_pool.h"
 #include "src/render/patch_pass.h"
 #include "src/render/picture_target.h"
@@ -37,9 +39,10 @@
 namespace relievo {
 namespace {
 
-constexpr int kMaxReads = 64;    // over a link of 20 MB/s and 50 ms latency 67 pages of 15 KB are under way
-constexpr int kCornersUnit = 6;  // and two more: texture units of the base mesh
-constexpr int kShadowUnit = 14;  // of the share of light
+constexpr int kMaxReads = 64;      // over a link of 20 MB/s and 50 ms latency 67 pages of 15 KB are under way
+constexpr int kCornersUnit = 6;    // and two more: texture units of the base mesh
+constexpr int kShadowUnit = 14;    // of the shares of light
+constexpr int kKeptDepthUnit = 6;  // shading programs have no base mesh
 constexpr uint32_t kReadyLimit =
     256;  // decoded pages that may wait: those of a first view, so that they come while its surface is drawn
 
@@ -73,18 +76,22 @@ struct Engine::Impl {
   std::optional<PatchTails> tails;       // over one of many patches; then nothing is pinned
   std::unique_ptr<TailTextures> tail_textures;
   mutable std::optional<std::pair<double, Extent>> extent;  // of the last exaggeration: a walk over a mesh's corners
+  mutable std::optional<glm::dvec3> middle;                 // artworkMiddle()
   std::unique_ptr<TextureDemand> demand;
   std::unique_ptr<LodWorker> lod;
   std::unique_ptr<ScreenPass> screen;
   std::optional<DepthProbe> depth_probe;  // from the first question on
   ShadingPrograms programs;
   SurfaceTarget surface{{}};
+  std::unique_ptr<KeptDepth> kept_depth;  // while the plan has near lights
+  DrawnSurface kept_depth_of;
   std::unique_ptr<ShadowPass> shadow_pass;  // while the plan has shadows
   struct ShadowsOf {
     DrawnSurface surface;  // of the map: through the pixels' centres, whichever sample is drawn
     glm::dvec3 light{0};
     friend bool operator==(const ShadowsOf&, const ShadowsOf&) = default;
-  } shadow_map_drawn, shadows_drawn;
+  };
+  std::vector<ShadowsOf> shadow_maps_drawn, shadows_drawn;  // of each light that casts shadows
   PictureTarget target{{}};
   // Several samples a pixel: their pictures, and how many there are of `sampled`. A change to the scene or the pages
   // resets `sampled`, and with it the picture is one sample again.
@@ -142,10 +149,30 @@ struct Engine::Impl {
     return extent->second;
   }
   ViewTransform viewOf(const OrbitCamera& of) const { return viewTransform(of, drawnExtent(), width, height); }
-  // Towards the light: over a base mesh it turns with the camera, unless it is fixed.
+  // Of directions towards lights: over a base mesh they turn with the camera, unless they are fixed.
+  glm::dmat3 worldFromLight(const ViewTransform& view) const {
+    return overMesh() && scene.relight ? view.world_from_camera : glm::dmat3(1);
+  }
   glm::dvec3 lightInSpace(const ViewTransform& view) const {
-    const glm::dvec3 light = glm::make_vec3(normalizedLight(scene.light).data());
-    return overMesh() && plan.relight ? view.world_from_camera * light : light;
+    const glm::dvec3 light = glm::make_vec3(singleLight(scene).data());
+    return overMesh() && scene.relight ? view.world_from_camera * light : light;
+  }
+  // plan.lights of them.
+  std::vector<PlacedLight> lightsInSpace(const ViewTransform& view) const {
+    std::vector<PlacedLight> placed;
+    if (plan.lights == 0) return placed;
+    if (!middle) middle = artworkMiddle(artwork.manifest);
+    for (const SceneLight& light : shadedLights(scene.lights))
+      placed.push_back(placedLight(light, worldFromLight(view), *middle));
+    return placed;
+  }
+  // Towards the lights that cast shadows: those far away, in the shader's order.
+  std::vector<glm::dvec3> castingLights(const ViewTransform& view) const {
+    if (plan.lights == 0) return {lightInSpace(view)};
+    std::vector<glm::dvec3> lights;
+    for (const PlacedLight& light : lightsInSpace(view))
+      if (!light.near) lights.push_back(light.place);
+    return lights;
   }
 
   gl::Defines defines() const {
@@ -203,9 +230,10 @@ struct Engine::Impl {
             .faults = faults};
   }
   Result<void> linkPrograms() {
-    surface_drawn = {};
-    shadow_map_drawn = shadows_drawn = {};
+    surface_drawn = kept_depth_of = {};
+    shadow_maps_drawn = shadows_drawn = {};
     if (!plan.shadows) shadow_pass.reset();
+    if (plan.near_lights == 0) kept_depth.reset();
     sampled.reset();
     if (plan.samples == 1) stack.reset();
     else if (!stack || stack->samples() != plan.samples) stack = std::make_unique<SampleStack>(plan.samples);
@@ -242,7 +270,7 @@ struct Engine::Impl {
     so.format = for_plan.format(artwork.manifest);
     if (for_plan.normals_exaggerate != 0) so.normals_of = ReliefSurface{domain().flat(), for_plan.normals_exaggerate};
     starting_plan = for_plan;
-    starting_light = normalizedLight(for_scene.light);
+    starting_light = singleLight(for_scene);
     so.light = starting_light;
     std::vector<NodeId> roots;
     for (uint32_t p = 0; p < domain().patchCount() && !tails; ++p) roots.push_back({p, 0, 0, 0});
@@ -283,7 +311,7 @@ struct Engine::Impl {
         adoptStreamer(std::move(next));
         scene = *std::exchange(pending_scene, std::nullopt);
         plan = wanted;
-        auto light = normalizedLight(scene.light);
+        auto light = singleLight(scene);
         if (plan.resolve && light != starting_light) {
           streamer->setLight(light);
           setTailTexels(plan, light);
@@ -308,7 +336,9 @@ struct Engine::Impl {
     if (plan.shadows) {
       // What is beside the picture may cast a shadow into it.
       const double half_mm = 0.5 * mmPerPx(camera, height) * std::min(width, height);
-      const double reach = casterReach(drawnExtent(), lightInSpace(view), half_mm);
+      double reach = 1;
+      for (const glm::dvec3& light : castingLights(view))
+        reach = std::max(reach, casterReach(drawnExtent(), light, half_mm));
       for (int column = 0; column < 4; ++column)
         for (int row = 0; row < 2; ++row) v.clip_from_world[column][row] /= reach;
     }
@@ -427,23 +457,27 @@ struct Engine::Impl {
   // After updateSurface(), whose list of instances it draws once more, from the light.
   void updateShadows() {
     if (!plan.shadows) return;
-    const ShadowsOf now{surface_drawn, lightInSpace(drawn.view)};
+    std::vector<ShadowsOf> now;
+    for (const glm::dvec3& light : castingLights(drawn.view)) now.push_back({surface_drawn, light});
     if (shadows_drawn == now) return;
     shadows_drawn = now;
     if (!shadow_pass) shadow_pass = std::make_unique<ShadowPass>(surface.depthMode());
-    shadow_pass->resize(width, height);
-    const ShadowView view = shadowView(drawn.view, drawnExtent(), now.light);
-    ShadowsOf map = now;
-    map.surface.clip_from_world = drawn.view.clip_from_world;
-    if (shadow_map_drawn != map) {
-      shadow_map_drawn = map;
-      drawShadowMap(view);
+    shadow_pass->resize(width, height, now.size());
+    shadow_maps_drawn.resize(now.size());
+    for (size_t i = 0; i < now.size(); ++i) {
+      const ShadowView view = shadowView(drawn.view, drawnExtent(), now[i].light);
+      ShadowsOf map = now[i];
+      map.surface.clip_from_world = drawn.view.clip_from_world;
+      if (shadow_maps_drawn[i] != map) {
+        shadow_maps_drawn[i] = map;
+        drawShadowMap(i, view);
+      }
+      shadow_pass->light(i, programs.shadow, surface, *screen, sampleView().clip_from_world, view);
+      ++stats.draw_calls;
     }
-    shadow_pass->light(programs.shadow, surface, *screen, sampleView().clip_from_world, view);
-    ++stats.draw_calls;
   }
-  void drawShadowMap(const ShadowView& view) {
-    shadow_pass->beginMap();
+  void drawShadowMap(size_t light, const ShadowView& view) {
+    shadow_pass->beginMap(light);
     EyeFrame eye = eyeFrame(drawn.view, domain(), drawn.exaggerate, plan.relief, surface.depthMode());
     eye.clip_from_eye = glClipFrom(view.clip_from_world, eye.origin_mm, surface.depthMode());
     useForGeometry(programs.shadow_map);
@@ -458,9 +492,28 @@ struct Engine::Impl {
     surface.bind(program, 4);
   }
 
+  // After updateSurface(): near lights need each pixel's place.
+  void keepDepth() {
+    if (plan.near_lights == 0 || (kept_depth && kept_depth_of == surface_drawn)) return;
+    if (!kept_depth) kept_depth = std::make_unique<KeptDepth>();
+    kept_depth->take(surface);
+    kept_depth_of = surface_drawn;
+  }
+  // For the shading program in use.
+  void setLights(const gl::Program& program) const {
+    if (plan.lights == 0) return;
+    const glm::dvec3& eye_mm = drawn.view.eye_mm;
+    const glm::dmat4 eye_from_pixel =
+        glm::inverse(glm::translate(sampleView().clip_from_world, eye_mm)) * clipFromPixel(surface.depthMode());
+    setNamedUniforms(program,
+                     lightUniforms(lightsInSpace(drawn.view), plan.format(artwork.manifest), eye_mm, eye_from_pixel));
+    if (kept_depth) kept_depth->bind(program, kKeptDepthUnit);
+  }
+
   void shadeSurface(double now_s) {
     target_is_average = false;
     updateShadows();
+    keepDepth();
     target.begin();
     // Where no pixel asks for a page, or there is none, nothing is looked up: the same picture, for half the cost.
     // But with anisotropy, a patch that has no page shows its tail along the pixel's footprint.
@@ -472,6 +525,7 @@ struct Engine::Impl {
     bindSurface(program);
     setUniforms(program, now_s);
     setNamedUniforms(program, effectUniforms(scene.effects));
+    setLights(program);
     if (plan.shadows) shadow_pass->bind(program, kShadowUnit);
     screen->draw(true);
     ++stats.draw_calls;
@@ -691,7 +745,7 @@ Engine::~Engine() = default;
 
 Result<std::unique_ptr<Engine>> Engine::create(Artwork artwork, const Scene& scene, const EngineOptions& options) {
   if (const std::string problem = sceneProblem(scene, artwork.manifest); !problem.empty())
-    return Error{ErrorKind::kUsage, "", problem, "leave out --unlit", {}};
+    return Error{ErrorKind::kUsage, "", problem, scene.unlit ? "leave out --unlit" : "", {}};
   auto impl = std::make_unique<Impl>();
   impl->artwork = std::move(artwork);
   impl->scene = scene;
@@ -713,12 +767,13 @@ Result<std::unique_ptr<Engine>> Engine::create(Artwork artwork, const Scene& sce
   if (const std::string why = impl->whyNotBlocks(); options.upload == Upload::kBlocks && !why.empty())
     impl->notices.push_back("texture pages are uploaded as rgba8, not as blocks: " + why);
   impl->pinned_nodes = roots;
-  // Roots of every plane (or tails), and a little room to look at anything beside them; also when the light is fixed
+  // Roots of every plane (or tails), and a little room to look at anything beside them; also when one light is fixed
   // later.
   EffectPlan fixed = impl->plan;
   if (!fixed.resolve && fixed.lit()) {
     Scene fixed_scene = scene;
     fixed_scene.relight = false;
+    fixed_scene.lights.clear();
     fixed = planEffects(fixed_scene, manifest);
   }
   const uint64_t least = impl->stats.tail_bytes +
@@ -793,7 +848,7 @@ Result<void> Engine::setScene(const Scene& scene) {
     return Error{ErrorKind::kUsage, "", problem, "", {}};
   if (scene != e.scene) e.sampled.reset();
   EffectPlan before = e.plan;
-  auto light_before = normalizedLight(e.scene.light);
+  auto light_before = singleLight(e.scene);
   Scene now = scene;
   e.pending_scene.reset();
   if (!planEffects(scene, e.artwork.manifest).samePages(before)) {
@@ -801,13 +856,14 @@ Result<void> Engine::setScene(const Scene& scene) {
     e.pending_scene = scene;
     now.relief = e.scene.relief;
     now.relight = e.scene.relight;
+    now.lights = e.scene.lights;
     now.unlit = e.scene.unlit;
     now.exaggerate = e.scene.exaggerate;
   }
   e.scene = now;
   e.plan = planEffects(now, e.artwork.manifest);
   assert(e.plan.samePages(before));
-  if (auto light = normalizedLight(now.light); e.plan.resolve && light != light_before) {
+  if (auto light = singleLight(now); e.plan.resolve && light != light_before) {
     e.streamer->setLight(light);
     e.setTailTexels(e.plan, light);
   }

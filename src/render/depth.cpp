@@ -24,6 +24,15 @@ void beginDepth(const DepthMode& mode) {
   glDepthFunc(mode.nearerOrEqual());
 }
 
+glm::dmat4 clipFromPixel(const DepthMode& mode) {
+  const double sign = mode.reversed ? -1 : 1;  // reversed, depth is 1 where z is -1
+  glm::dmat4 clip(1.0);
+  clip[0][0] = clip[1][1] = 2;
+  clip[2][2] = 2 * sign;
+  clip[3] = glm::dvec4(-1, -1, -sign, 1);
+  return clip;
+}
+
 std::array<float, 16> glClipFrom(const glm::dmat4& clip_from_world, const glm::dvec3& origin_mm,
                                  const DepthMode& mode) {
   const glm::dmat4 clip = glm::translate(clip_from_world, origin_mm);

@@ -33,6 +33,9 @@ const char* depthName(bool reversed);  // for people: "reversed, 32-bit float" o
 // test work in either clip space.
 void beginDepth(const DepthMode& mode);
 
+// From a pixel's place and depth, each 0..1 as the GL stores them, to the camera's clip space, z within -w..w.
+glm::dmat4 clipFromPixel(const DepthMode& mode);
+
 // What the GL is given to turn mm from `origin_mm` into its clip space, column by column: from the camera's matrix (z
 // within -w..w), in double precision until the end.
 std::array<float, 16> glClipFrom(const glm::dmat4& clip_from_world, const glm::dvec3& origin_mm, const DepthMode& mode);

@@ -13,29 +13,33 @@ constexpr double kBiasTexels = 0.75;
 
 }  // namespace
 
-void ShadowPass::resize(int width_px, int height_px) {
-  if (width_px == width_ && height_px == height_) return;
+void ShadowPass::resize(int width_px, int height_px, size_t lights) {
+  if (width_px == width_ && height_px == height_ && lights == maps_.size()) return;
   width_ = width_px, height_ = height_px;
   const int side = std::clamp((std::max(width_, height_) * 3 / 2 + 63) / 64 * 64, 256, 4096);
-  if (side != map_px_) {
-    map_px_ = side;
-    map_ = gl::createNearest("shadow map", side, side, depth_mode_.format(), GL_DEPTH_COMPONENT,
-                             depth_mode_.reversed ? GL_FLOAT : GL_UNSIGNED_INT);
-    map_framebuffer_ = gl::Framebuffer::create();
-    glBindFramebuffer(GL_FRAMEBUFFER, map_framebuffer_.id());
-    glFramebufferTexture2D(GL_FRAMEBUFFER, GL_DEPTH_ATTACHMENT, GL_TEXTURE_2D, map_.id(), 0);
+  if (side != map_px_) maps_.clear();
+  map_px_ = side;
+  maps_.resize(lights);
+  for (Map& map : maps_) {
+    if (map.depth) continue;
+    map.depth = gl::createNearest("shadow map", side, side, depth_mode_.format(), GL_DEPTH_COMPONENT,
+                                  depth_mode_.reversed ? GL_FLOAT : GL_UNSIGNED_INT);
+    map.framebuffer = gl::Framebuffer::create();
+    glBindFramebuffer(GL_FRAMEBUFFER, map.framebuffer.id());
+    glFramebufferTexture2D(GL_FRAMEBUFFER, GL_DEPTH_ATTACHMENT, GL_TEXTURE_2D, map.depth.id(), 0);
     const GLenum none = GL_NONE;
     glDrawBuffers(1, &none);
     glReadBuffer(GL_NONE);
   }
-  light_ = gl::createNearest("share of light", width_, height_, GL_R8, GL_RED, GL_UNSIGNED_BYTE);
+  light_ = lights == 1 ? gl::createNearest("share of light", width_, height_, GL_R8, GL_RED, GL_UNSIGNED_BYTE)
+                       : gl::createNearest("shares of lights", width_, height_, GL_RGBA8, GL_RGBA, GL_UNSIGNED_BYTE);
   light_framebuffer_ = gl::Framebuffer::create();
   glBindFramebuffer(GL_FRAMEBUFFER, light_framebuffer_.id());
   glFramebufferTexture2D(GL_FRAMEBUFFER, GL_COLOR_ATTACHMENT0, GL_TEXTURE_2D, light_.id(), 0);
 }
 
-void ShadowPass::beginMap() const {
-  glBindFramebuffer(GL_FRAMEBUFFER, map_framebuffer_.id());
+void ShadowPass::beginMap(size_t light) const {
+  glBindFramebuffer(GL_FRAMEBUFFER, maps_[light].framebuffer.id());
   glViewport(0, 0, map_px_, map_px_);
   beginDepth(depth_mode_);
   glDisable(GL_BLEND);
@@ -44,34 +48,33 @@ void ShadowPass::beginMap() const {
   glClearBufferfv(GL_DEPTH, 0, &far_plane);
 }
 
-void ShadowPass::light(const gl::Program& program, const SurfaceTarget& surface, const ScreenPass& screen,
+void ShadowPass::light(size_t light, const gl::Program& program, const SurfaceTarget& surface, const ScreenPass& screen,
                        const glm::dmat4& camera_clip_from_world, const ShadowView& view) const {
   glBindFramebuffer(GL_FRAMEBUFFER, light_framebuffer_.id());
   glViewport(0, 0, width_, height_);
   program.use();
   surface.bind(program, 4);
   glActiveTexture(GL_TEXTURE0);
-  glBindTexture(GL_TEXTURE_2D, map_.id());
+  glBindTexture(GL_TEXTURE_2D, maps_[light].depth.id());
   glUniform1i(program.uniform("u_shadow_map"), 0);
-  // From a pixel's place and depth, each 0..1, to the map's texels and its depth, which is 0..1, too. As the GL stores
-  // them: reversed, depth is 1 where z of the camera's clip space is -1.
+  // From a pixel's place and depth, each 0..1, to the map's texels and its depth, which is 0..1, too.
   const double sign = depth_mode_.reversed ? -1 : 1;
-  glm::dmat4 clip_from_pixel(1.0), map_from_clip(1.0);
-  clip_from_pixel[0][0] = clip_from_pixel[1][1] = 2;
-  clip_from_pixel[2][2] = 2 * sign;
-  clip_from_pixel[3] = glm::dvec4(-1, -1, -sign, 1);
+  glm::dmat4 map_from_clip(1.0);
   const double half = 0.5 * map_px_;
   map_from_clip[0][0] = map_from_clip[1][1] = half;
   map_from_clip[2][2] = 0.5 * sign;
   map_from_clip[3] = glm::dvec4(half, half, 0.5, 1);
   const glm::mat4 map_from_pixel(map_from_clip * view.clip_from_world * glm::inverse(camera_clip_from_world) *
-                                 clip_from_pixel);
+                                 clipFromPixel(depth_mode_));
   glUniformMatrix4fv(program.uniform("u_map_from_pixel"), 1, GL_FALSE, glm::value_ptr(map_from_pixel));
   const double texel_mm = 2 * view.mm_per_unit / map_px_, depth_mm = 2 * view.mm_per_depth;
   const double step = depth_mode_.reversed ? 1e-6 : 3e-7;  // of depth itself
   glUniform4f(program.uniform("u_shadow"), static_cast<float>(map_px_), static_cast<float>(-sign),
               static_cast<float>(kBiasTexels * texel_mm / depth_mm + step), 0);
+  const auto mask = [light](size_t component) -> GLboolean { return component == light ? GL_TRUE : GL_FALSE; };
+  glColorMask(mask(0), mask(1), mask(2), mask(3));
   screen.draw(false);
+  glColorMask(GL_TRUE, GL_TRUE, GL_TRUE, GL_TRUE);
 }
 
 void ShadowPass::bind(const gl::Program& program, int unit) const {

@@ -28,6 +28,8 @@ class SurfaceTarget {
   void bind(const gl::Program& program, int unit) const;
   // Rows bottom first, as GL has them. Waits for what was drawn since beginCleared().
   void read(std::vector<std::array<uint32_t, 4>>& pixels) const;
+  int width() const { return width_; }
+  int height() const { return height_; }
   GLuint depth() const { return depth_.id(); }  // a texture; the far plane where nothing is seen
   const DepthMode& depthMode() const { return depth_mode_; }
 

@@ -200,6 +200,8 @@ Scene ViewLoop::sceneAt(double now) {
   if (exact_still_ && !moving_) wanted.least_cell = 0;
   if (frame_time_ && moving_) wanted = frame_time_->spend(wanted);
   wanted.light = control_.view().light;
+  if (const SceneLight* turned = firstFarLight(wanted.lights))
+    wanted.lights[static_cast<size_t>(turned - wanted.lights.data())].place = wanted.light;
   wanted.wireframe = control_.wireframe;
   wanted.overlay = control_.show_pages ? &kPagesEffect : overlay == &kPagesEffect ? nullptr : overlay;
   return wanted;

@@ -694,7 +694,7 @@ Taps tapsOf(const DenseTexture& t, glm::dvec2 texel, glm::dvec2 dx, glm::dvec2 d
   return out;
 }
 
-glm::dvec3 shadeTaps(const DenseTexture& t, const Taps& from, const DenseView& view) {
+glm::dvec3 shadeTaps(const DenseTexture& t, const Taps& from, const DenseView& view, const glm::dvec3& place_mm) {
   const int channels = view.resolved ? 3 : t.format.channels();
   const int depth = t.domain.texture_depth;
   const double lambda = std::clamp(from.lambda, 0.0, static_cast<double>(depth));
@@ -708,7 +708,9 @@ glm::dvec3 shadeTaps(const DenseTexture& t, const Taps& from, const DenseView& v
     for (int c = 0; c < channels; ++c) sum[c] += tap.weight * (a[c] * (1 - coarser_share) + b[c] * coarser_share);
   }
   glm::dvec3 rgb{sum[0], sum[1], sum[2]};
-  if (!view.resolved) {
+  if (view.lit) {
+    rgb = view.lit(t.format, sum.data(), place_mm) * 255.0;
+  } else if (!view.resolved) {
     const auto e = evaluateUnclamped(t.format, sum.data(), view.light);
     rgb = {e[0], e[1], e[2]};
   }
@@ -743,12 +745,13 @@ bool coloursDiffer(glm::dvec3 a, glm::dvec3 b) {
 
 }  // namespace
 
-glm::dvec3 shadeDense(const DenseTexture& texture, glm::dvec2 texel, double lambda, const DenseView& view) {
-  return shadeTaps(texture, {lambda, {{texel, 1}}}, view);
+glm::dvec3 shadeDense(const DenseTexture& texture, glm::dvec2 texel, double lambda, const DenseView& view,
+                      const glm::dvec3& place_mm) {
+  return shadeTaps(texture, {lambda, {{texel, 1}}}, view, place_mm);
 }
 glm::dvec3 shadeDense(const DenseTexture& texture, glm::dvec2 texel, glm::dvec2 dx, glm::dvec2 dy,
-                      const DenseView& view, double lambda_offset) {
-  return shadeTaps(texture, tapsOf(texture, texel, dx, dy, view, lambda_offset), view);
+                      const DenseView& view, double lambda_offset, const glm::dvec3& place_mm) {
+  return shadeTaps(texture, tapsOf(texture, texel, dx, dy, view, lambda_offset), view, place_mm);
 }
 
 DenseImage renderDense(const DenseTexture& texture, const DenseRelief* relief, std::span<const PatchInstance> instances,
@@ -808,6 +811,7 @@ DenseImage renderDense(const DenseTexture& texture, const DenseRelief* relief, s
   std::sort(touches.begin(), touches.end());
   std::sort(covers.begin(), covers.end());
 
+  const glm::dmat4 world_from_clip = glm::inverse(view.clip_from_world);
   DenseImage image{width, height, std::vector<DensePixel>(static_cast<size_t>(width) * height)};
   auto touch = touches.begin(), cover = covers.begin();
   for (int32_t index = 0; index < width * height; ++index) {
@@ -831,7 +835,13 @@ DenseImage renderDense(const DenseTexture& texture, const DenseRelief* relief, s
     pixel.texel_dy = m.dy;
     const Taps taps = tapsOf(texture, m.texel, m.dx, m.dy, view, 0);
     pixel.lambda = taps.lambda;
-    pixel.rgb = pixel.low = pixel.high = shadeTaps(texture, taps, view);
+    glm::dvec3 place(0);
+    if (view.lit) {
+      const glm::dvec4 p =
+          world_from_clip * glm::dvec4((x + 0.5) / width * 2 - 1, 1 - (y + 0.5) / height * 2, pixel.depth, 1);
+      place = glm::dvec3(p) / p.w;
+    }
+    pixel.rgb = pixel.low = pixel.high = shadeTaps(texture, taps, view, place);
     if (visible.background) pixel.edge |= kEdgeSilhouette;
 
     auto mayAlsoBe = [&](glm::dvec3 rgb, EdgeReason reason) {
@@ -848,7 +858,7 @@ DenseImage renderDense(const DenseTexture& texture, const DenseRelief* relief, s
       const double lowest = std::max(own - off, 0.0), highest = std::min(own + off, depth);
       const EdgeReason reason = &t == &centre ? kEdgeThin : kEdgeColour;
       auto shadeAt = [&](double lambda) {
-        mayAlsoBe(shadeDense(texture, at.texel, at.dx, at.dy, view, lambda - own), reason);
+        mayAlsoBe(shadeDense(texture, at.texel, at.dx, at.dy, view, lambda - own, place), reason);
       };
       shadeAt(lowest);
       shadeAt(highest);
@@ -869,20 +879,20 @@ DenseImage renderDense(const DenseTexture& texture, const DenseRelief* relief, s
       constexpr double kTie = 1.0 / 256.0;
       const double from_change = pixel.lambda + 0.5 - std::floor(pixel.lambda + 0.5);
       const double nudge = from_change < kTie ? -2 * kTie : from_change > 1 - kTie ? 2 * kTie : 0.0;
-      if (nudge != 0) mayAlsoBe(shadeDense(texture, m.texel, pixel.lambda + nudge, view), kEdgeLevelTie);
+      if (nudge != 0) mayAlsoBe(shadeDense(texture, m.texel, pixel.lambda + nudge, view, place), kEdgeLevelTie);
     }
     if (view.snapped_px > 0) {
       if (view.sampling == DenseSampling::kAnisotropic && centre.height_px < 16 * view.snapped_px)
         pixel.edge |= kEdgeOcclusion;
       for (int k = 0; k < 25; ++k) {  // five by five, as the colour need not be largest at a corner of the square
         const double x_px = (k % 5 - 2) * 0.5 * view.snapped_px, y_px = (k / 5 - 2) * 0.5 * view.snapped_px;
-        mayAlsoBe(shadeDense(texture, m.texel + m.dx * x_px + m.dy * y_px, m.dx, m.dy, view), kEdgePlace);
+        mayAlsoBe(shadeDense(texture, m.texel + m.dx * x_px + m.dy * y_px, m.dx, m.dy, view, 0, place), kEdgePlace);
       }
     }
     if (view.sampling == DenseSampling::kNearest) {
       for (int corner = 0; corner < 9; ++corner) {
         const double x_px = (corner % 3 - 1) * kTexelTiePx, y_px = (corner / 3 - 1) * kTexelTiePx;
-        mayAlsoBe(shadeDense(texture, m.texel + m.dx * x_px + m.dy * y_px, pixel.lambda, view), kEdgeTexelTie);
+        mayAlsoBe(shadeDense(texture, m.texel + m.dx * x_px + m.dy * y_px, pixel.lambda, view, place), kEdgeTexelTie);
       }
     }
   }

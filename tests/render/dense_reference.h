@@ -120,6 +120,8 @@ struct DenseView {
   double lod_bias = 0;
   bool resolved =
       false;  // the light is fixed: each level's texels are evaluated and rounded to bytes before they are filtered
+  // In the place of `light`: the colour (1: 255) of raw channels at a place of the surface, mm. Empty: `light`.
+  std::function<glm::dvec3(const TextureFormat&, const double* raw, const glm::dvec3& place_mm)> lit;
   std::function<glm::dvec3(const glm::dvec3&)> tone;  // what becomes of a shaded colour (1: 255); empty: nothing
   DenseDerivatives derivatives = DenseDerivatives::kExact;
   double snapped_px =
@@ -183,11 +185,12 @@ DenseImage renderDense(const DenseTexture& texture, const DenseRelief* relief, s
                        const DenseView& view);
 
 // The colour at a texel position and level of detail (clamped to 0..texture_depth): the shading part of renderDense
-// alone; kAnisotropic with a round footprint.
-glm::dvec3 shadeDense(const DenseTexture& texture, glm::dvec2 texel, double lambda, const DenseView& view);
+// alone; kAnisotropic with a round footprint. place_mm: for DenseView::lit.
+glm::dvec3 shadeDense(const DenseTexture& texture, glm::dvec2 texel, double lambda, const DenseView& view,
+                      const glm::dvec3& place_mm = {});
 // The same with a footprint, from its derivatives. lambda_offset: as lod_bias, on top of it.
 glm::dvec3 shadeDense(const DenseTexture& texture, glm::dvec2 texel, glm::dvec2 dx, glm::dvec2 dy,
-                      const DenseView& view, double lambda_offset = 0);
+                      const DenseView& view, double lambda_offset = 0, const glm::dvec3& place_mm = {});
 
 // All nodes of one level as drawn nodes of 2^grid_level segments: a list that needs no LOD.
 std::vector<PatchInstance> uniformInstances(const FlatDomain& domain, int level, int grid_level);

@@ -3,6 +3,8 @@
 #pragma once
 
 #include <cmath>
+#include <functional>
+#include <optional>
 
 #include "src/engine/engine.h"
 #include "tests/geometry/mesh_fixture.h"
@@ -65,9 +67,10 @@ struct BallDifference {
   uint64_t inside = 0, outside = 0, holes = 0, strays = 0;
   double largest = 0;  // of 255
 };
-// Pixels whose place and neighbourhood of a pixel are certain.
-inline BallDifference compareWithBall(const std::vector<uint8_t>& pixels, const ViewTransform& view,
-                                      const glm::dvec3& light, double radius) {
+// Pixels whose place and neighbourhood of a pixel are certain. expected: the colour, 0..255, where the ball's normal is
+// this; nothing where it is not sure.
+inline BallDifference compareWithBall(const std::vector<uint8_t>& pixels, const ViewTransform& view, double radius,
+                                      const std::function<std::optional<glm::dvec3>(const glm::dvec3&)>& expected) {
   BallDifference d;
   const glm::dmat4 world_from_clip = glm::inverse(view.clip_from_world);
   for (int y = 0; y < kHeight; ++y) {
@@ -88,15 +91,21 @@ inline BallDifference compareWithBall(const std::vector<uint8_t>& pixels, const 
         ++d.inside;
         d.holes += p[3] == 0;
         const glm::dvec3 n = glm::normalize(from + (along - std::sqrt(radius * radius - aside * aside)) * ray);
-        const double lit = std::max(glm::dot(n, light), 0.0);
-        if (lit < 0.02) continue;  // near the terminator a normal's last bit is many grey levels
-        for (int c = 0; c < 3; ++c)
-          d.largest = std::max(d.largest,
-                               std::abs(p[c] - kAlbedo[static_cast<size_t>(c)] * std::pow(0.04 + 0.96 * lit, 1 / 2.2)));
+        if (const auto colour = expected(n))
+          for (int c = 0; c < 3; ++c) d.largest = std::max(d.largest, std::abs(p[c] - (*colour)[c]));
       }
     }
   }
   return d;
+}
+
+inline BallDifference compareWithBall(const std::vector<uint8_t>& pixels, const ViewTransform& view,
+                                      const glm::dvec3& light, double radius) {
+  return compareWithBall(pixels, view, radius, [&](const glm::dvec3& n) -> std::optional<glm::dvec3> {
+    const double lit = std::max(glm::dot(n, light), 0.0);
+    if (lit < 0.02) return std::nullopt;  // near the terminator a normal's last bit is many grey levels
+    return glm::dvec3(kAlbedo[0], kAlbedo[1], kAlbedo[2]) * std::pow(0.04 + 0.96 * lit, 1 / 2.2);
+  });
 }
 
 }  // namespace relievo::test

@@ -194,4 +194,20 @@ cmp stone-0003.png exact.png || fail "a still camera is not drawn exactly"
 if cmp -s exact.png inexact.png; then fail "the control is as exact"; fi
 rm stone-0003.png stone-0003.json
 
+# Of several lights a drag moves the first that is far away. The scene has them all, and draws the same picture.
+start --exact-still on --azimuth 50 \
+  --lights '[{"position_mm":[-100,60,90],"color":[1,0.6,0.3]},{"towards":[-0.6,0,0.8],"intensity":0.5},{"towards":[0,-1,1],"intensity":0}]'
+xdotool mousemove 300 200
+drag 3 60 -40
+sleep 2
+snapshot stone-0003.png
+finish
+expect light -0.3 0
+expect light 0.2 1
+"$program" render stone-0003.json -o lights.png
+cmp stone-0003.png lights.png || fail "the scene of several lights is another picture: $(cat stone-0003.json)"
+"$program" render stone-0003.json --light 1,0,1 -o one-light.png
+if cmp -s lights.png one-light.png; then fail "the control has one light"; fi
+rm stone-0003.png stone-0003.json
+
 echo "passed"

@@ -152,6 +152,14 @@ inline Totals compare(const Subject& subject, Scene scene, const Views& run, dou
     v.height_px = run.height;
     v.exaggerate = scene.exaggerate;
     v.light = normalizedLight(scene.light);
+    if (e.plan().lights > 0) {
+      std::vector<PlacedLight> lights;
+      for (const SceneLight& light : shadedLights(scene.lights))
+        lights.push_back(placedLight(light, glm::dmat3(1), artworkMiddle(e.manifest())));
+      v.lit = [lights](const TextureFormat& format, const double* raw, const glm::dvec3& place_mm) {
+        return litColour(format, raw, lights, place_mm);
+      };
+    }
     v.sampling = static_cast<DenseSampling>(scene.sampling);
     v.anisotropy = scene.anisotropy;
     v.resolved = e.plan().resolve;

@@ -460,6 +460,32 @@ TEST_F(Cli, CamerasThatAreNoneAreRefused) {
             3);
 }
 
+// In a scene or as an option: the plan names them, and what one cannot say is one error.
+TEST_F(Cli, LightsAreThoseOfTheSceneOrTheOption) {
+  ASSERT_EQ(relievo("sample coin --size 128x128 --package " + file("coin.relievo")).exit_code, 0);
+  const std::string lights = R"([{"position_mm": [3, 4, 0]}, {"towards": [1, 0, 1], "color": [1, 0.5, 0]}])";
+  write("scene.json",
+        R"({"format": "relievo-scene", "version": 1, "artwork": "coin.relievo", "lights": )" + lights + "}");
+  const std::string scene = relievo("plan --no-measure " + file("scene.json")).output,
+                    options =
+                        relievo("plan --no-measure " + file("coin.relievo") + " --lights '" + lights + "'").output;
+  for (const std::string& plan : {scene, options}) {
+    EXPECT_NE(plan.find("far away, towards 1 0 1, intensity 1, color 1 0.5 0"), std::string::npos) << plan;
+    EXPECT_NE(plan.find("near, at 3 4 0 mm, intensity 1 at 5 mm"), std::string::npos) << plan;
+    EXPECT_NE(plan.find("kept depth"), std::string::npos) << plan;
+  }
+  // --light takes the place of the scene's.
+  const std::string one = relievo("plan --no-measure " + file("scene.json") + " --light 1,0,1").output;
+  EXPECT_EQ(one.find("LIGHTS"), std::string::npos) << one;
+  EXPECT_NE(one.find("passes"), std::string::npos) << one;
+  for (const char* wrong : {"--lights '[{\"at\": 3}]'", "--lights 7", "--lights '[{}]' --light 0,0,1"}) {
+    const Outcome r = relievo("plan --no-measure " + file("coin.relievo") + " " + wrong);
+    EXPECT_EQ(r.exit_code, 1) << wrong;
+    EXPECT_NE(r.output.find("--light"), std::string::npos) << r.output;
+  }
+  EXPECT_EQ(relievo("accuracy " + file("scene.json") + " --quick -o " + file("accuracy")).exit_code, 1);
+}
+
 // A scene in the artwork's place is drawn as its options would have it; options given beside it win.
 TEST_F(Cli, ASceneIsDrawnAsItsOptionsWouldHaveIt) {
   ASSERT_EQ(relievo("sample coin --size 128x128 --package " + file("coin.relievo")).exit_code, 0);

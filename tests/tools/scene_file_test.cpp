@@ -29,6 +29,15 @@ TEST(SceneFiles, ComeBackAsTheyWereWritten) {
     if (some()) s.camera.orthographic = some();
     if (some()) s.camera.target_mm = {number(-10, 10), 1.0 / 3, 1e-300};
     if (some()) s.light = {number(-1, 1), number(-1, 1), 0.1};
+    while (!s.light && s.lights.size() < 4 && some()) {
+      SceneLight light;
+      light.near = some();
+      light.place = {number(-1e6, 1e6), number(-9, 9), 1.0 / 3};
+      if (some()) light.intensity = number(0, 1000);
+      if (some()) light.color = {number(0, 1), 0.1, 1};
+      if (light.near && some()) light.reference_mm = number(1e-3, 1e6);
+      s.lights.push_back(light);
+    }
     if (some()) s.light_fixed = some();
     if (some()) s.shadows = some();
     if (some()) s.relief = some();
@@ -56,25 +65,35 @@ TEST(SceneFiles, AreRefusedNamingWhatIsWrong) {
   const struct {
     std::string text, named;
     ErrorKind kind = ErrorKind::kInvalidData;
-  } cases[] = {{R"({"format": "relievo-scene", "version": 1})", "'artwork' is missing"},
-               {R"({"format": "relievo-scene", "version": 1, "artwork": ""})", "artwork"},
-               {R"({"format": "relievo-scene", "version": 2, "artwork": "a"})", "version 2", ErrorKind::kUnsupported},
-               {R"({"format": "relievo-settings", "version": 1, "artwork": "a"})", "relievo-scene"},
-               {"[]", "relievo-scene"},
-               {"{", "JSON"},
-               {kHead + R"(, "lights": []})", "'lights'"},
-               {kHead + R"(, "camera": []})", "expected an object for 'camera'"},
-               {kHead + R"(, "camera": {"fov": 3}})", "'camera.fov'"},
-               {kHead + R"(, "camera": {"fov_deg": 171}})", "from 1 to 170 for 'camera.fov_deg'"},
-               {kHead + R"(, "camera": {"target_mm": [1, 2]}})", "3 numbers"},
-               {kHead + R"(, "camera": {"mm_per_px": 1, "distance_mm": 3}})", "camera.mm_per_px"},
-               {kHead + R"(, "light": {"towards": [0, 0, 0]}})", "direction is zero"},
-               {kHead + R"(, "effects": {"exposure": "1"}})", "effects.exposure"},
-               {kHead + R"(, "effects": {"show": "nothing"}})", "one of none"},
-               {kHead + R"(, "picture": {"size_px": [1.5, 2]}})", "2 whole numbers"},
-               {kHead + R"(, "picture": {"samples": 3}})", "one of [1,4,8] for 'picture.samples'"},
-               {kHead + R"(, "settings": {"version": 1}})", "'settings.version'"},
-               {kHead + R"(, "settings": {"error_px": -1}})", "settings.error_px"}};
+  } cases[] = {
+      {R"({"format": "relievo-scene", "version": 1})", "'artwork' is missing"},
+      {R"({"format": "relievo-scene", "version": 1, "artwork": ""})", "artwork"},
+      {R"({"format": "relievo-scene", "version": 2, "artwork": "a"})", "version 2", ErrorKind::kUnsupported},
+      {R"({"format": "relievo-settings", "version": 1, "artwork": "a"})", "relievo-scene"},
+      {"[]", "relievo-scene"},
+      {"{", "JSON"},
+      {kHead + R"(, "lights": []})", "a list of 1 to 4 objects for 'lights'"},
+      {kHead + R"(, "lights": [{},{},{},{},{}]})", "a list of 1 to 4 objects for 'lights'"},
+      {kHead + R"(, "lights": [{}, 3]})", "expected an object for 'lights[1]'"},
+      {kHead + R"(, "lights": [{}, {"colour": [1, 1, 1]}]})",
+       "there is no 'lights[1].colour'; known are towards, position_mm, reference_mm, intensity, color"},
+      {kHead + R"(, "lights": [{"intensity": -1}]})", "from 0 to 1000 for 'lights[0].intensity'"},
+      {kHead + R"(, "lights": [{"towards": [0, 0, 0]}]})", "direction is zero in 'lights[0]'"},
+      {kHead + R"(, "lights": [{}, {"towards": [0, 0, 1], "position_mm": [0, 0, 1]}]})", "'lights[1]' has both"},
+      {kHead + R"(, "lights": [{"reference_mm": 3}]})", "'lights[0].reference_mm' needs"},
+      {kHead + R"(, "light": {"towards": [0, 0, 1]}, "lights": [{}]})", "leave out one of them"},
+      {kHead + R"(, "camera": []})", "expected an object for 'camera'"},
+      {kHead + R"(, "camera": {"fov": 3}})", "'camera.fov'"},
+      {kHead + R"(, "camera": {"fov_deg": 171}})", "from 1 to 170 for 'camera.fov_deg'"},
+      {kHead + R"(, "camera": {"target_mm": [1, 2]}})", "3 numbers"},
+      {kHead + R"(, "camera": {"mm_per_px": 1, "distance_mm": 3}})", "camera.mm_per_px"},
+      {kHead + R"(, "light": {"towards": [0, 0, 0]}})", "direction is zero"},
+      {kHead + R"(, "effects": {"exposure": "1"}})", "effects.exposure"},
+      {kHead + R"(, "effects": {"show": "nothing"}})", "one of none"},
+      {kHead + R"(, "picture": {"size_px": [1.5, 2]}})", "2 whole numbers"},
+      {kHead + R"(, "picture": {"samples": 3}})", "one of [1,4,8] for 'picture.samples'"},
+      {kHead + R"(, "settings": {"version": 1}})", "'settings.version'"},
+      {kHead + R"(, "settings": {"error_px": -1}})", "settings.error_px"}};
   for (const auto& c : cases) {
     const auto r = parseScene(c.text, "scene.json");
     ASSERT_FALSE(r) << c.text;
@@ -102,22 +121,32 @@ Json valueFor(const Json& schema, bool good) {
   return good ? schema["maximum"] : Json(beyond);
 }
 
+constexpr const char* kFirst = "[0]";  // in a path: the first of a list
+
 // Each member below `schema` by itself, in a scene that is otherwise sound.
 void tryMembers(const Json& schema, const std::vector<std::string>& within, int& tried) {
   for (const auto& [name, member] : schema["properties"].items()) {
     if (within.empty() && (name == "format" || name == "version")) continue;
     std::vector<std::string> path = within;
-    path.push_back(name);
     for (const bool good : {true, false}) {
       Json scene = Json::parse(kHead + "}");
       Json* at = &scene;
-      for (const std::string& part : path) at = &(*at)[part];
-      *at = valueFor(member, good);
+      for (const std::string& part : path) at = part == kFirst ? &(*at)[0] : &(*at)[part];
+      if (schema.contains("dependentRequired") && schema["dependentRequired"].contains(name)) {
+        const std::string beside = schema["dependentRequired"][name][0];
+        (*at)[beside] = valueFor(schema["properties"][beside], true);
+      }
+      (*at)[name] = valueFor(member, good);
       const auto read = parseScene(scene.dump(), "scene.json");
       EXPECT_EQ(read.ok(), good) << scene.dump() << (read ? "" : read.error().text());
     }
     ++tried;
+    path.push_back(name);
     if (member.contains("properties")) tryMembers(member, path, tried);
+    if (member.contains("items") && member["items"].contains("properties")) {
+      path.emplace_back(kFirst);
+      tryMembers(member["items"], path, tried);
+    }
   }
 }
 
@@ -130,6 +159,17 @@ TEST(SceneFiles, AreReadAsTheirSchemaSays) {
   EXPECT_GT(tried, 30);
   for (const EffectSetting& e : SceneFile().effects)
     EXPECT_TRUE(schema["properties"]["effects"]["properties"].contains(std::string(e.effect->parameters[0].name)));
+}
+
+TEST(SceneFiles, HoldLightsThatAnOptionGives) {
+  const auto lights = parseLights(R"([{"towards": [-1, 0, 0.5], "color": [1, 0.5, 0.25]},
+                                      {"position_mm": [1, 2, 3], "intensity": 0.5}])");
+  ASSERT_TRUE(lights) << lights.error().text();
+  const SceneLight far{.place = {-1, 0, 0.5}, .color = {1, 0.5, 0.25}},
+      near{.near = true, .place = {1, 2, 3}, .intensity = 0.5};
+  EXPECT_EQ(*lights, (std::vector{far, near}));
+  for (const char* wrong : {"", "[", "{}", "[]", R"([{"toward": [0, 0, 1]}])", R"([{"reference_mm": 1}])"})
+    EXPECT_FALSE(parseLights(wrong)) << wrong;
 }
 
 Manifest manifestOf(Basis basis, int relief_depth) {
@@ -163,6 +203,14 @@ TEST(ScenePlan, NamesWhatIsOnAndNothingElse) {
   const Manifest ptm = manifestOf(Basis::kPtmLrgb, -1);
   EXPECT_EQ(partNames(rich, ptm),
             (std::vector<std::string>{"light", "anisotropic", "exact filter", "wireframe", "exposure", "pages"}));
+  // Lights: what more than a white one adds, and near ones.
+  Scene lit = plain;
+  lit.lights = {{.place = {1, 0, 1}, .color = {1, 0.5, 0.5}}, {.near = true, .place = {0, 0, 9}}};
+  EXPECT_EQ(partNames(lit, ptm), (std::vector<std::string>{"light", "lights", "near lights"}));
+  lit.lights.pop_back();
+  EXPECT_EQ(partNames(lit, ptm), (std::vector<std::string>{"light", "lights"}));
+  lit.lights[0].color = {1, 1, 1};
+  EXPECT_EQ(partNames(lit, ptm), (std::vector<std::string>{"light"}));
   for (const ScenePart& part : partsOf(rich, ptm))
     EXPECT_FALSE(planEffects(part.without, ptm) == planEffects(rich, ptm)) << part.name;
 }

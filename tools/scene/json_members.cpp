@@ -60,6 +60,10 @@ std::string expectedOf(const JsonMember& m, const Json& value) {
       return value.is_string() ? "" : "a text";
     case JsonMember::Kind::kObject:
       return value.is_object() ? "" : "an object";
+    case JsonMember::Kind::kObjects:
+      if (value.is_array() && !value.empty() && value.size() <= m.items.size()) return "";
+      std::snprintf(text, sizeof text, "a list of 1 to %zu objects", m.items.size());
+      return text;
     case JsonMember::Kind::kChoice:
       break;
   }
@@ -68,32 +72,49 @@ std::string expectedOf(const JsonMember& m, const Json& value) {
   return known ? "" : "one of " + listOf(m.choices);
 }
 
+// What errors say of a text: its file, and where to look up what is known.
+struct JsonOrigin {
+  std::string file;
+  const char* hint;
+  Error invalid(const std::string& what) const { return {ErrorKind::kInvalidData, file, what, hint, {}}; }
+};
+
+Result<void> readMembers(const Json& object, const JsonMembers& members, const std::string& within,
+                         const JsonOrigin& origin);
+
+// name: of the value, with what it lies within.
+Result<void> readValue(const Json& value, const JsonMember& m, const std::string& name, const JsonOrigin& origin) {
+  if (const std::string expected = expectedOf(m, value); !expected.empty())
+    return origin.invalid("expected " + expected + " for '" + name + "'");
+  if (m.kind == JsonMember::Kind::kObject) return readMembers(value, m.members, name + ".", origin);
+  if (m.take) m.take(value);
+  for (size_t i = 0; m.kind == JsonMember::Kind::kObjects && i < value.size(); ++i) {
+    const std::string item = name + "[" + std::to_string(i) + "]";
+    if (!value[i].is_object()) return origin.invalid("expected an object for '" + item + "'");
+    if (auto read = readMembers(value[i], m.items[i], item + ".", origin); !read) return read;
+  }
+  return {};
+}
+
 // Members nest as deep as their declaration does.
 Result<void> readMembers(const Json& object, const JsonMembers& members, const std::string& within,
-                         const std::string& file, const JsonFormat& format) {
-  const auto invalid = [&](const std::string& what) {
-    return Error{ErrorKind::kInvalidData, file, what, format.hint, {}};
-  };
+                         const JsonOrigin& origin) {
   for (const auto& item : object.items()) {
     const std::string& key = item.key();
-    const Json& value = item.value();
     if (within.empty() && (key == "format" || key == "version")) continue;
     const auto m = std::find_if(members.begin(), members.end(), [&](const JsonMember& one) { return one.name == key; });
     if (m == members.end()) {
       std::vector<std::string> known;
       for (const JsonMember& one : members) known.push_back(one.name);
-      return invalid("there is no '" + within + key.substr(0, 40) + "'; known are " + listOf(known));
+      return origin.invalid("there is no '" + within + key.substr(0, 40) + "'; known are " + listOf(known));
     }
-    if (const std::string expected = expectedOf(*m, value); !expected.empty())
-      return invalid("expected " + expected + " for '" + within + key + "'");
-    if (m->kind == JsonMember::Kind::kObject) {
-      if (auto read = readMembers(value, m->members, within + key + ".", file, format); !read) return read;
-    } else if (m->take) {
-      m->take(value);
-    }
+    if (auto read = readValue(item.value(), *m, within + key, origin); !read) return read;
   }
   for (const JsonMember& m : members)
-    if (m.needed && !object.contains(m.name)) return invalid("'" + within + m.name + "' is missing");
+    if (!m.beside.empty() && object.contains(m.name) && !object.contains(m.beside))
+      return origin.invalid("'" + within + m.name + "' needs '" + within + m.beside + "' beside it");
+  for (const JsonMember& m : members)
+    if (m.needed && !object.contains(m.name)) return origin.invalid("'" + within + m.name + "' is missing");
   return {};
 }
 
@@ -107,6 +128,7 @@ Json schemaOfObject(const JsonMembers& members, Json schema) {
   for (const JsonMember& m : members) {
     properties[m.name] = schemaOfMember(m);
     if (m.needed) required.push_back(m.name);
+    if (!m.beside.empty()) schema["dependentRequired"][m.name] = {m.beside};
   }
   schema["properties"] = std::move(properties);
   if (!required.empty()) schema["required"] = std::move(required);
@@ -146,6 +168,12 @@ Json schemaOfMember(const JsonMember& m) {
       break;
     case JsonMember::Kind::kObject:
       return schemaOfObject(m.members, std::move(schema));
+    case JsonMember::Kind::kObjects:
+      schema.update(Json{{"type", "array"},
+                         {"items", schemaOfObject(m.items.front(), Json::object())},
+                         {"minItems", 1},
+                         {"maxItems", m.items.size()}});
+      break;
   }
   return schema;
 }
@@ -221,6 +249,23 @@ JsonMember objectMember(const char* name, const char* meaning, JsonMembers membe
   return m;
 }
 
+JsonMember objectsMember(const char* name, const char* meaning, std::vector<JsonMembers> items, size_t& count) {
+  JsonMember m = member(name, meaning, JsonMember::Kind::kObjects);
+  m.items = std::move(items);
+  m.take = [&count](const Json& v) { count = v.size(); };
+  return m;
+}
+
+Result<void> readJsonValue(std::string_view text, const JsonMember& member, const char* hint) {
+  auto json = parseJson(text, "");
+  if (!json) {
+    Error error = json.error();
+    error.hint = hint;
+    return error;
+  }
+  return readValue(*json, member, member.name, {"", hint});
+}
+
 Result<void> readJsonFile(std::string_view text, const JsonFormat& format, const JsonMembers& members,
                           const std::string& file) {
   auto json = parseJson(text, file);
@@ -245,7 +290,7 @@ Result<void> readJsonFile(std::string_view text, const JsonFormat& format, const
                      "; this program reads up to version " + std::to_string(format.version),
                  format.newer,
                  {}};
-  return readMembers(*json, members, "", file, format);
+  return readMembers(*json, members, "", {file, format.hint});
 }
 
 std::string jsonSchema(const JsonFormat& format, const JsonMembers& members) {

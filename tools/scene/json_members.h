@@ -16,7 +16,7 @@
 namespace relievo {
 
 struct JsonMember {
-  enum class Kind { kNumber, kWhole, kBool, kText, kChoice, kNumbers, kWholes, kObject };
+  enum class Kind { kNumber, kWhole, kBool, kText, kChoice, kNumbers, kWholes, kObject, kObjects };
   std::string name;
   std::string meaning;  // for people, with the unit
   Kind kind = Kind::kNumber;
@@ -25,8 +25,12 @@ struct JsonMember {
   std::vector<std::string> choices;  // of kChoice
   std::vector<int> among;            // of kWhole: these alone, in place of low and high, if there are any
   std::vector<JsonMember> members;   // of kObject
+  // Of kObjects, a list of 1 to so many objects: the members of each. All have the same declaration.
+  std::vector<std::vector<JsonMember>> items;
   bool needed = false;
-  // Called with a value of that kind and range; not of an object, whose members are taken one by one.
+  std::string beside;  // the member that must be there where this one is; empty: none
+  // Called with a value of that kind and range; not of an object, whose members are taken one by one. Of a list of
+  // objects it is called before those.
   std::function<void(const nlohmann::ordered_json&)> take;
 };
 using JsonMembers = std::vector<JsonMember>;
@@ -43,6 +47,8 @@ JsonMember tripleMember(const char* name, const char* meaning, double low, doubl
                         std::optional<std::array<double, 3>>& to);
 JsonMember sizeMember(const char* name, const char* meaning, int most, std::optional<std::array<int, 2>>& to);
 JsonMember objectMember(const char* name, const char* meaning, JsonMembers members);
+// count: how many there are.
+JsonMember objectsMember(const char* name, const char* meaning, std::vector<JsonMembers> items, size_t& count);
 
 // What the file of a format says of itself: "format" and "version", which must be there, and "about", any text.
 struct JsonFormat {
@@ -57,6 +63,8 @@ struct JsonFormat {
 // members, other types and values out of range; kUnsupported of newer versions. Safe for untrusted text.
 Result<void> readJsonFile(std::string_view text, const JsonFormat& format, const JsonMembers& members,
                           const std::string& file);
+// Reads the text of one member's value, such as an option's. Errors name no file.
+Result<void> readJsonValue(std::string_view text, const JsonMember& member, const char* hint);
 // Its JSON Schema (draft 2020-12).
 std::string jsonSchema(const JsonFormat& format, const JsonMembers& members);
 

@@ -1,6 +1,7 @@
 #include "tools/scene/scene_file.h"
 
 #include <algorithm>
+#include <cstdio>
 #include <filesystem>
 
 #include <nlohmann/json.hpp>
@@ -47,23 +48,99 @@ JsonMembers effectMembers(SceneFile& s, std::vector<std::optional<double>>& valu
   return members;
 }
 
-// values: of the effects' parameters, which outlive the members.
-JsonMembers sceneMembers(SceneFile& s, std::string& about, std::vector<std::optional<double>>& values) {
+// A light as it is written.
+struct LightMembers {
+  std::optional<std::array<double, 3>> towards, position_mm, color;
+  std::optional<double> intensity, reference_mm;
+};
+// Lights while they are read.
+struct LightList {
+  std::array<LightMembers, kMaxLights> lights;
+  size_t count = 0;
+};
+
+JsonMember lightsMember(LightList& to) {
+  std::vector<JsonMembers> items;
+  for (LightMembers& l : to.lights) {
+    JsonMember reference = numberMember("reference_mm",
+                                        "Of a near light, the distance at which its intensity is as stated, mm; it "
+                                        "falls off with the square of the distance [that of the artwork's middle]",
+                                        1e-9, kFarthestMm, l.reference_mm);
+    reference.beside = "position_mm";
+    items.push_back({tripleMember("towards", "Towards a light that is far away: right, up, to the viewer [0, 0, 1]",
+                                  -1e9, 1e9, l.towards),
+                     tripleMember("position_mm", "In its place, where a near light is, mm from the artwork's origin",
+                                  -kFarthestMm, kFarthestMm, l.position_mm),
+                     std::move(reference),
+                     numberMember("intensity", "Times this, in linear light [1]", 0, kMaxLightIntensity, l.intensity),
+                     tripleMember("color", "Red, green, blue of its light, linear [1, 1, 1]", 0, 1, l.color)});
+  }
+  return objectsMember("lights", "In the place of light.towards: lights that add up in linear light", std::move(items),
+                       to.count);
+}
+
+// What is wrong with them, beside what their declaration says.
+std::string problemOf(const LightList& list) {
+  for (size_t i = 0; i < list.count; ++i) {
+    const LightMembers& l = list.lights[i];
+    const std::string name = "'lights[" + std::to_string(i) + "]'";
+    if (l.towards && l.position_mm)
+      return name + " has both towards (far away) and position_mm (near): leave out one of them";
+    if (l.towards && *l.towards == std::array<double, 3>{}) return "the light's direction is zero in " + name;
+  }
+  return "";
+}
+
+std::vector<SceneLight> lightsOf(const LightList& list) {
+  std::vector<SceneLight> lights;
+  for (size_t i = 0; i < list.count; ++i) {
+    const LightMembers& l = list.lights[i];
+    SceneLight light;
+    light.near = l.position_mm.has_value();
+    light.place = l.position_mm.value_or(l.towards.value_or(light.place));
+    light.intensity = l.intensity.value_or(light.intensity);
+    light.color = l.color.value_or(light.color);
+    light.reference_mm = l.reference_mm.value_or(light.reference_mm);
+    lights.push_back(light);
+  }
+  return lights;
+}
+
+Json jsonOf(const SceneLight& light) {
+  Json json = {{light.near ? "position_mm" : "towards", light.place}};
+  if (light.near && light.reference_mm != 0) json["reference_mm"] = light.reference_mm;
+  if (light.intensity != 1) json["intensity"] = light.intensity;
+  if (light.color != SceneLight{}.color) json["color"] = light.color;
+  return json;
+}
+
+// What a scene's members are read into before they become the scene's.
+struct SceneParts {
+  std::string about;
+  std::vector<std::optional<double>> values;  // of the effects' parameters
+  LightList lights;
+};
+
+// parts outlive the members.
+JsonMembers sceneMembers(SceneFile& s, SceneParts& parts) {
   JsonMember artwork = textMember("artwork", "The artwork's file, from this file's folder on", s.artwork);
   artwork.needed = true;
-  return {textMember("about", "Any text", about),
+  return {textMember("about", "Any text", parts.about),
           std::move(artwork),
           objectMember("camera", "Where it is seen from", cameraMembers(s.camera)),
-          objectMember("light", "A light that is far away",
-                       {tripleMember("towards", "Towards the light: right, up, to the viewer", -1e9, 1e9, s.light),
-                        boolMember("fixed", "It stays: coefficients are resolved once a page", s.light_fixed),
-                        boolMember("shadows", "The relief casts shadows on itself", s.shadows)}),
+          objectMember(
+              "light", "A light that is far away",
+              {tripleMember("towards", "Towards the light: right, up, to the viewer", -1e9, 1e9, s.light),
+               boolMember("fixed", "It stays: coefficients are resolved once a page; of lights the directions stay",
+                          s.light_fixed),
+               boolMember("shadows", "The relief casts shadows on itself, in each light that is far away", s.shadows)}),
+          lightsMember(parts.lights),
           objectMember("surface", "What of the artwork is shown",
                        {boolMember("relief", "Its heights", s.relief),
                         numberMember("exaggerate", "Heights times this", -1e4, 1e4, s.exaggerate),
                         boolMember("unlit", "Its colour as it is, without a light", s.unlit),
                         boolMember("geomorph", "Vertices slide as levels of detail change", s.geomorph)}),
-          objectMember("effects", "What is done to the picture", effectMembers(s, values)),
+          objectMember("effects", "What is done to the picture", effectMembers(s, parts.values)),
           objectMember("picture", "What is drawn into",
                        {sizeMember("size_px", "Width and height, px", kMaxScenePicturePx, s.size_px),
                         wholeMember("samples", "Samples a pixel of a still picture", {1, 4, 8}, s.samples),
@@ -80,18 +157,21 @@ SceneFile::SceneFile() {
 
 Result<SceneFile> parseScene(const std::string& text, const std::string& name) {
   SceneFile scene;
-  std::string about;
-  std::vector<std::optional<double>> values;
-  if (auto read = readJsonFile(text, kSceneFormat, sceneMembers(scene, about, values), name); !read)
-    return read.error();
+  SceneParts parts;
+  if (auto read = readJsonFile(text, kSceneFormat, sceneMembers(scene, parts), name); !read) return read.error();
+  const auto& values = parts.values;
   for (size_t i = 0; i < values.size(); ++i)
     if (values[i]) scene.effects[i / PixelEffect::kMaxParameters].values[i % PixelEffect::kMaxParameters] = *values[i];
-  const auto invalid = [&](const char* what, const char* hint) {
+  const auto invalid = [&](const std::string& what, const char* hint) {
     return Error{ErrorKind::kInvalidData, name, what, hint, {}};
   };
   if (scene.artwork.empty()) return invalid("expected a file's name for 'artwork'", "");
   if (scene.light && *scene.light == std::array<double, 3>{})
     return invalid("the light's direction is zero", "for example [-0.7, 0.4, 0.6]");
+  if (const std::string problem = problemOf(parts.lights); !problem.empty()) return invalid(problem, kSceneFormat.hint);
+  scene.lights = lightsOf(parts.lights);
+  if (scene.light && !scene.lights.empty())
+    return invalid("'light.towards' is one light and 'lights' are others", "leave out one of them");
   const SceneCamera& c = scene.camera;
   if (c.mm_per_px && (c.distance_mm || c.fov_deg || (c.orthographic && !*c.orthographic)))
     return invalid("'camera.mm_per_px' is an orthographic picture's scale",
@@ -157,6 +237,7 @@ std::string sceneText(const SceneFile& s) {
                                {"effects", effects},
                                {"picture", picture}})
     if (!object.empty()) json[name] = object;
+  for (const SceneLight& one : s.lights) json["lights"].push_back(jsonOf(one));
   if (!(s.settings == DrawSettings{})) {
     Json settings = Json::parse(settingsText(s.settings, ""));
     settings.erase("format");
@@ -168,9 +249,29 @@ std::string sceneText(const SceneFile& s) {
 
 std::string sceneSchema() {
   SceneFile scene;
-  std::string about;
-  std::vector<std::optional<double>> values;
-  return jsonSchema(kSceneFormat, sceneMembers(scene, about, values));
+  SceneParts parts;
+  return jsonSchema(kSceneFormat, sceneMembers(scene, parts));
+}
+
+Result<std::vector<SceneLight>> parseLights(const std::string& text) {
+  LightList list;
+  if (auto read = readJsonValue(text, lightsMember(list), kSceneFormat.hint); !read) return read.error();
+  if (const std::string problem = problemOf(list); !problem.empty())
+    return Error{ErrorKind::kInvalidData, "", problem, kSceneFormat.hint, {}};
+  return lightsOf(list);
+}
+
+std::string lightText(const SceneLight& light, const glm::dvec3& middle_mm) {
+  char text[240];
+  const auto& p = light.place;
+  if (light.near)
+    std::snprintf(text, sizeof text, "near, at %g %g %g mm, intensity %g at %.4g mm, color %g %g %g", p[0], p[1], p[2],
+                  light.intensity, placedLight(light, glm::dmat3(1), middle_mm).reference_mm, light.color[0],
+                  light.color[1], light.color[2]);
+  else
+    std::snprintf(text, sizeof text, "far away, towards %g %g %g, intensity %g, color %g %g %g", p[0], p[1], p[2],
+                  light.intensity, light.color[0], light.color[1], light.color[2]);
+  return text;
 }
 
 }  // namespace relievo

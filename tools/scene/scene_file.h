@@ -5,6 +5,10 @@
 //    "camera": {"azimuth_deg": 25, "elevation_deg": 15},
 //    "light": {"towards": [-0.8, 0.3, 0.4]}, "effects": {"exposure": 0.5}}
 //
+// In the place of "towards", "lights" is a list of 1 to kMaxLights lights (src/engine/effects/lights.h):
+//
+//    "lights": [{"towards": [-1, 0, 0.3], "color": [1, 0.6, 0.3]}, {"position_mm": [40, 0, 25], "intensity": 0.5}]
+//
 // `relievo plan --schema` prints its JSON Schema, which says what every member means. What a scene leaves out is as
 // without the option of that name; units are those of the options (relievo render --help). Unknown members, other types
 // and values out of range are refused. Safe for untrusted text.
@@ -36,6 +40,7 @@ struct SceneFile {
   std::string artwork;  // as it is written: from the scene file's folder on, where it is no absolute path
   SceneCamera camera;
   std::optional<std::array<double, 3>> light;  // towards it; of any length above 0
+  std::vector<SceneLight> lights;              // in its place; empty: there are none
   std::optional<bool> light_fixed;             // resolved once a page
   std::optional<bool> shadows;                 // cast by the relief on itself
   std::optional<bool> relief, unlit, wireframe, geomorph;
@@ -61,5 +66,9 @@ Result<void> takeArtwork(std::string& file);
 bool namesScene(const std::string& path);
 std::string sceneText(const SceneFile& scene);
 std::string sceneSchema();
+// Lights alone, the text of the member "lights": kInvalidData, naming no file.
+Result<std::vector<SceneLight>> parseLights(const std::string& text);
+// "near, at 40 0 25 mm, intensity 0.5 at 46.9 mm, color 1 1 1", for people.
+std::string lightText(const SceneLight& light, const glm::dvec3& middle_mm);
 
 }  // namespace relievo

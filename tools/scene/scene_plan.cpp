@@ -14,11 +14,25 @@ struct Candidate {
   std::function<void(Scene&)> leave;
 };
 
+void leaveLights(Scene& s) {
+  s.light = singleLight(s);
+  s.lights.clear();
+}
+
 std::vector<Candidate> candidates() {
   std::vector<Candidate> all{
       {"relief", "displaced geometry", [](Scene& s) { s.relief = false; }},
       {"light", "light on the colour or the coefficients, against a light that is fixed, or none",
-       [](Scene& s) { s.unlit = s.relight = false; }},
+       [](Scene& s) {
+         leaveLights(s);
+         s.unlit = s.relight = false;
+       }},
+      {"lights", "several, near or coloured lights, against a white one that is far away", leaveLights},
+      {"near lights", "near lights, against those that are far away alone",
+       [](Scene& s) {
+         if (std::all_of(s.lights.begin(), s.lights.end(), [](const SceneLight& l) { return l.near; })) return;
+         std::erase_if(s.lights, [](const SceneLight& l) { return l.near; });
+       }},
       {"normals", "normals, which light the colour", [](Scene& s) { s.unlit = true; }},
       {"shadows", "those that the relief casts on itself", [](Scene& s) { s.shadows = false; }},
       {"anisotropic", "several taps a pixel, against trilinear",

@@ -37,6 +37,7 @@ constexpr BasisDescription ptm(std::string_view name, Shading shading, int plane
           .channels = channels,
           .coefficients = 6,
           .functions = ptmFunctions,
+          .functions_file = "bases/ptm.glsl",
           .diffuse = {1.0 / 3, 1.0 / 3, 0, 0, 0, 1},  // u^2 and v^2 average 1/3, the odd terms 0
           .one = {0, 0, 0, 0, 0, 1}};
 }
