@@ -20,7 +20,7 @@
 namespace relievo::fuzz {
 namespace {
 
-constexpr int kBlocks = 32, kPages = 10;  // looked at, of each tree
+constexpr int kBlocks = 32, kPages = 5;  // looked at, of each tree
 
 struct Region {
   uint64_t offset = 0, bytes = 0;
