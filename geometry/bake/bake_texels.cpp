@@ -100,6 +100,9 @@ struct TexelBaker {
   bool bakePlanes(uint32_t patch, std::span<uint8_t> out) const;
   template <class Use>
   bool sampleSurface(const PatchLines& lines, const SampleGrid& grid, Use use) const;
+  // Moves samples on the patch's sides beside a crease into the patch. tile: the samples [x0, x1) x [y0, y1).
+  void sampleInside(const PatchLines& lines, const SampleGrid& grid, const std::array<size_t, 4>& tile,
+                    LineBatch& batch, SampleBand& band) const;
   // Bakes the texels of those cells of the rows [first, end) each by itself that a crease crosses.
   bool sharpenCells(const PatchLines& lines, const SampleGrid& grid, const SampleBand& samples, size_t first,
                     size_t end, std::span<uint8_t> out) const;
@@ -190,15 +193,36 @@ ColourNormal TexelBaker::colourNormalAt(const SurfacePoint& at) const {
   return out;
 }
 
+// Where patches meet along a crease, a sample on their common side has the normal of either. Half a texel further in,
+// each patch has its own.
+void TexelBaker::sampleInside(const PatchLines& lines, const SampleGrid& grid, const std::array<size_t, 4>& tile,
+                              LineBatch& batch, SampleBand& band) const {
+  const size_t x0 = tile[0], y0 = tile[1], x1 = tile[2], y1 = tile[3];
+  const auto cells = static_cast<double>(grid.cells);
+  const double inset = 0.5 / static_cast<double>(grid.side);
+  auto fraction = [&](size_t x) { return std::min(static_cast<double>(x) / cells, 1.0); };
+  std::vector<std::array<size_t, 2>> samples;
+  for (size_t y = y0; y < y1; ++y)
+    for (size_t x = x0; x < x1; ++x)
+      if (band.creased(y)[x] && (x == 0 || y == 0 || x == grid.cells || y == grid.cells)) samples.push_back({x, y});
+  if (samples.empty()) return;
+  context.beginBatch(batch, lines.patch(), fraction(x0), fraction(y0), fraction(x1), fraction(y1));
+  for (const auto& sample : samples) {
+    const double u = std::clamp(fraction(sample[0]), inset, 1 - inset),
+                 v = std::clamp(fraction(sample[1]), inset, 1 - inset);
+    lines.add(batch, context.patchPoint(lines.patch(), u, v), u, v);
+  }
+  context.intersect(batch);
+  for (size_t i = 0; i < samples.size(); ++i)
+    band.row(samples[i][1])[samples[i][0]] = colourNormalAt(pointOf(batch, i));
+}
+
 // Calls use(band) after each row of tiles.
 template <class Use>
 bool TexelBaker::sampleSurface(const PatchLines& lines, const SampleGrid& grid, Use use) const {
   const bool per_texel = grid.per_texel;
   const size_t cells = grid.cells, row = grid.row;
   const uint32_t patch = lines.patch();
-  // Where patches meet along a crease, a sample on their common side would have the normal of either. Half a texel
-  // further in, each patch has its own.
-  const double inset = !per_texel && context.normals->hasCreases() ? 0.5 / static_cast<double>(grid.side) : 0;
   SampleBand band(row);
   LineBatch batch;
   std::array<BasePoint, 4> corners;
@@ -208,16 +232,14 @@ bool TexelBaker::sampleSurface(const PatchLines& lines, const SampleGrid& grid, 
     auto fraction = [&](size_t x) { return std::min(static_cast<double>(x) / static_cast<double>(cells), 1.0); };
     context.beginBatch(batch, patch, fraction(x0), fraction(y0), fraction(x1), fraction(y1));
     const double half = per_texel ? 0.5 : 0;
-    auto place = [&](size_t x) {
-      return std::clamp((static_cast<double>(x) + half) / static_cast<double>(cells), inset, 1 - inset);
-    };
+    auto place = [&](size_t x) { return (static_cast<double>(x) + half) / static_cast<double>(cells); };
     for (size_t y = y0; y < y1; ++y) {
       const double v = place(y);
       // Texels are not shared with other patches, so that a row needs two interpolations only.
       const BasePoint left = lerp(corners[0], corners[2], v), right = lerp(corners[1], corners[3], v);
       for (size_t x = x0; x < x1; ++x) {
         const double u = place(x);
-        lines.add(batch, per_texel || inset > 0 ? lerp(left, right, u) : context.gridPoint(patch, x, y, cells), u, v);
+        lines.add(batch, per_texel ? lerp(left, right, u) : context.gridPoint(patch, x, y, cells), u, v);
       }
     }
     context.intersect(batch);
@@ -226,6 +248,9 @@ bool TexelBaker::sampleSurface(const PatchLines& lines, const SampleGrid& grid, 
       const SurfacePoint at = pointOf(batch, i);
       band.row(y)[x] = colourNormalAt(at);
       band.creased(y)[x] = context.normals->isSplit(at.triangle);
+    }
+    if (!per_texel && context.normals->hasCreases()) {
+      sampleInside(lines, grid, {x0, y0, x1, y1}, batch, band);
     }
     if (x1 == row) use(std::as_const(band));
     return !context.stopped();
