@@ -249,9 +249,7 @@ bool TexelBaker::sampleSurface(const PatchLines& lines, const SampleGrid& grid, 
       band.row(y)[x] = colourNormalAt(at);
       band.creased(y)[x] = context.normals->isSplit(at.triangle);
     }
-    if (!per_texel && context.normals->hasCreases()) {
-      sampleInside(lines, grid, {x0, y0, x1, y1}, batch, band);
-    }
+    if (!per_texel && context.normals->hasCreases()) sampleInside(lines, grid, {x0, y0, x1, y1}, batch, band);
     if (x1 == row) use(std::as_const(band));
     return !context.stopped();
   });
