@@ -687,16 +687,6 @@ Result<void> MeshBuild::findKeptTolerance() {
 
 // How far off, where, and what would help.
 Error MeshBuild::missed(const std::string& what_was_done) const {
-  const Fidelity& f = result_.fidelity;
-  const bool there = f.to_drawn.excess(f.target) >= f.to_scan.excess(f.target);
-  const OneSidedFidelity& way = there ? f.to_drawn : f.to_scan;
-  char text[400];
-  std::snprintf(
-      text, sizeof text,
-      "the target is missed: expected RMS within %.3g mm, 99.9 %% within %.3g mm and 99.99 %% of the area within "
-      "%.3g mm of the scan, found %.3g mm, %.3g mm and %.4g %%, the largest distance %.3g mm at (%.6g, %.6g, %.6g)",
-      f.target.rms_mm, f.target.p99_9_mm, f.target.max_mm, way.rms_mm, way.p99_9_mm, 100 * (1 - way.area_beyond),
-      way.max_mm, way.max_at_mm.x, way.max_at_mm.y, way.max_at_mm.z);
   char hint[200];
   if (a_.patches > 0) {
     std::snprintf(hint, sizeof hint, "%s; leave --patches out, or ask for more than %zu", what_was_done.c_str(),
@@ -706,7 +696,7 @@ Error MeshBuild::missed(const std::string& what_was_done) const {
   } else {
     std::snprintf(hint, sizeof hint, "%s", what_was_done.c_str());
   }
-  return {ErrorKind::kDifference, a_.mesh, text, hint, {}};
+  return {ErrorKind::kDifference, a_.mesh, missedTarget(result_.fidelity), hint, {}};
 }
 
 Result<void> MeshBuild::pack() {

@@ -82,7 +82,7 @@ SurfacePoint BakeContext::touchingPoint(const Line& line, const SurfacePoint& hi
     return glm::dvec3(of_vertex[t[0]]) * (1 - near.b1 - near.b2) + glm::dvec3(of_vertex[t[1]]) * near.b1 +
            glm::dvec3(of_vertex[t[2]]) * near.b2;
   };
-  const glm::dvec3 normal = interpolate(*normals);
+  const glm::dvec3 normal = interpolate(normals->normals);
   if (glm::dot(normal, line.direction) < kFacing * glm::length(normal) * length) return hit;
   near.along = glm::dot(interpolate(mesh->positions_mm) - line.at, line.direction) / (length * length);
   return near;

@@ -14,6 +14,7 @@
 
 #include <glm/glm.hpp>
 
+#include "geometry/bake/corner_normals.h"
 #include "geometry/bake/line_rasteriser.h"
 #include "geometry/bake/sample_layout.h"
 #include "geometry/mesh/ray_scene.h"
@@ -104,7 +105,7 @@ struct BakeContext {
   // The next three come from makeBakeScene().
   std::shared_ptr<const RayScene> scene;
   std::shared_ptr<const LineRasteriser> rasteriser;
-  std::shared_ptr<const std::vector<glm::vec3>> normals;      // one for each vertex of the scan
+  std::shared_ptr<const CornerNormals> normals;
   std::vector<uint8_t> corner_used;                           // one for each corner: 1 where a patch has it
   std::vector<uint32_t> corner_patch;                         // one for each corner: its first patch
   std::vector<double> corner_reach, side_reach, patch_reach;  // mm: how far lines are searched

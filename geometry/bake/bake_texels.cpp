@@ -36,18 +36,57 @@ class SampleBand {
   // Makes room for the rows [first, end), of which the row before is kept.
   void advance(size_t first, size_t end) {
     const size_t kept = first > 0 ? 1 : 0;
-    if (kept) std::copy_n(row(first - 1), row_, samples_.begin());
+    if (kept) {
+      std::copy_n(row(first - 1), row_, samples_.begin());
+      std::copy_n(creased(first - 1), row_, creased_.begin());
+    }
     first_ = first - kept;
     end_ = end;
     samples_.resize((end_ - first_) * row_);
+    creased_.resize(samples_.size());
   }
   size_t end() const { return end_; }
   ColourNormal* row(size_t y) { return samples_.data() + (y - first_) * row_; }
   const ColourNormal* row(size_t y) const { return samples_.data() + (y - first_) * row_; }
+  // Does a sample lie on a triangle beside a crease? 1 or 0.
+  uint8_t* creased(size_t y) { return creased_.data() + (y - first_) * row_; }
+  const uint8_t* creased(size_t y) const { return creased_.data() + (y - first_) * row_; }
 
  private:
   size_t row_, first_ = 0, end_ = 0;
   std::vector<ColourNormal> samples_;
+  std::vector<uint8_t> creased_;
+};
+
+// The lines through a patch's drawn surface, on which texels look for the scan.
+class PatchLines {
+ public:
+  // deviation_mm: bakeTexels()
+  PatchLines(const BakeContext& context, const BakedHeights& baked, double deviation_mm, uint32_t patch)
+      : context_(&context),
+        baked_(&baked),
+        patch_(patch),
+        likely_(4 * deviation_mm + baked.scale_mm),
+        cells_(size_t{1} << baked.cells_log2),
+        q_((cells_ + 1) * (cells_ + 1)) {
+    baked.gather(context, patch, q_);
+  }
+  uint32_t patch() const { return patch_; }
+  // f: the base at (u, v). The line starts on the drawn surface, so that the texel shows what lies nearest to it.
+  void add(LineBatch& batch, const BasePoint& f, double u, double v) const {
+    const double h = baked_->offset_mm + baked_->scale_mm * interpolateOnGrid(q_, cells_, u, v);
+    batch.add(lineThrough({f.position + h * f.normal, f.normal}, context_->patch_reach[patch_]), u, v, h);
+    // Rays are faster if they are short; the rasteriser takes no longer for what is a little further away.
+    batch.lines.back().likely = context_->rasteriser ? std::max(likely_, 0.02 * batch.lines.back().reach) : likely_;
+  }
+
+ private:
+  const BakeContext* context_;
+  const BakedHeights* baked_;
+  uint32_t patch_;
+  double likely_;  // the drawn surface is seldom further from the scan
+  size_t cells_;
+  std::vector<uint16_t> q_;
 };
 
 struct TexelBaker {
@@ -60,7 +99,16 @@ struct TexelBaker {
   // False: the bake was interrupted.
   bool bakePlanes(uint32_t patch, std::span<uint8_t> out) const;
   template <class Use>
-  bool sampleSurface(uint32_t patch, double deviation_mm, const SampleGrid& grid, Use use) const;
+  bool sampleSurface(const PatchLines& lines, const SampleGrid& grid, Use use) const;
+  // Moves samples on the patch's sides beside a crease into the patch. tile: the samples [x0, x1) x [y0, y1).
+  void sampleInside(const PatchLines& lines, const SampleGrid& grid, const std::array<size_t, 4>& tile,
+                    LineBatch& batch, SampleBand& band) const;
+  // Bakes the texels of those cells of the rows [first, end) each by itself that a crease crosses.
+  bool sharpenCells(const PatchLines& lines, const SampleGrid& grid, const SampleBand& samples, size_t first,
+                    size_t end, std::span<uint8_t> out) const;
+  SurfacePoint pointOf(const LineBatch& batch, size_t line) const {
+    return batch.hits[line] ? batch.hits[line] : context.scene->closestPoint(batch.lines[line].at);
+  }
 };
 
 glm::vec2 TexelBaker::textureCoordinatesAt(const SurfacePoint& at) const {
@@ -132,7 +180,8 @@ ColourNormal TexelBaker::colourNormalAt(const SurfacePoint& at) const {
     }
   }
   glm::vec3 n(0);
-  for (size_t k = 0; k < 3; ++k) n += w[k] * (*context.normals)[t[k]];
+  const auto& corners = context.normals->ofTriangle(*context.mesh, at.triangle);
+  for (size_t k = 0; k < 3; ++k) n += w[k] * context.normals->normals[corners[k]];
   if (!(glm::length(n) > 1e-3f))
     n = glm::cross(context.mesh->positions_mm[t[1]] - context.mesh->positions_mm[t[0]],
                    context.mesh->positions_mm[t[2]] - context.mesh->positions_mm[t[0]]);
@@ -144,16 +193,36 @@ ColourNormal TexelBaker::colourNormalAt(const SurfacePoint& at) const {
   return out;
 }
 
+// Where patches meet along a crease, a sample on their common side has the normal of either. Half a texel further in,
+// each patch has its own.
+void TexelBaker::sampleInside(const PatchLines& lines, const SampleGrid& grid, const std::array<size_t, 4>& tile,
+                              LineBatch& batch, SampleBand& band) const {
+  const size_t x0 = tile[0], y0 = tile[1], x1 = tile[2], y1 = tile[3];
+  const auto cells = static_cast<double>(grid.cells);
+  const double inset = 0.5 / static_cast<double>(grid.side);
+  auto fraction = [&](size_t x) { return std::min(static_cast<double>(x) / cells, 1.0); };
+  std::vector<std::array<size_t, 2>> samples;
+  for (size_t y = y0; y < y1; ++y)
+    for (size_t x = x0; x < x1; ++x)
+      if (band.creased(y)[x] && (x == 0 || y == 0 || x == grid.cells || y == grid.cells)) samples.push_back({x, y});
+  if (samples.empty()) return;
+  context.beginBatch(batch, lines.patch(), fraction(x0), fraction(y0), fraction(x1), fraction(y1));
+  for (const auto& sample : samples) {
+    const double u = std::clamp(fraction(sample[0]), inset, 1 - inset),
+                 v = std::clamp(fraction(sample[1]), inset, 1 - inset);
+    lines.add(batch, context.patchPoint(lines.patch(), u, v), u, v);
+  }
+  context.intersect(batch);
+  for (size_t i = 0; i < samples.size(); ++i)
+    band.row(samples[i][1])[samples[i][0]] = colourNormalAt(pointOf(batch, i));
+}
+
 // Calls use(band) after each row of tiles.
 template <class Use>
-bool TexelBaker::sampleSurface(uint32_t patch, double deviation_mm, const SampleGrid& grid, Use use) const {
+bool TexelBaker::sampleSurface(const PatchLines& lines, const SampleGrid& grid, Use use) const {
   const bool per_texel = grid.per_texel;
   const size_t cells = grid.cells, row = grid.row;
-  const size_t n = size_t{1} << baked.cells_log2;
-  std::vector<uint16_t> q((n + 1) * (n + 1));
-  baked.gather(context, patch, q);
-  auto height = [&](double u, double v) { return baked.offset_mm + baked.scale_mm * interpolateOnGrid(q, n, u, v); };
-  const double likely = 4 * deviation_mm + baked.scale_mm;  // the drawn surface is seldom further from the scan
+  const uint32_t patch = lines.patch();
   SampleBand band(row);
   LineBatch batch;
   std::array<BasePoint, 4> corners;
@@ -163,25 +232,24 @@ bool TexelBaker::sampleSurface(uint32_t patch, double deviation_mm, const Sample
     auto fraction = [&](size_t x) { return std::min(static_cast<double>(x) / static_cast<double>(cells), 1.0); };
     context.beginBatch(batch, patch, fraction(x0), fraction(y0), fraction(x1), fraction(y1));
     const double half = per_texel ? 0.5 : 0;
+    auto place = [&](size_t x) { return (static_cast<double>(x) + half) / static_cast<double>(cells); };
     for (size_t y = y0; y < y1; ++y) {
-      const double v = (static_cast<double>(y) + half) / static_cast<double>(cells);
+      const double v = place(y);
       // Texels are not shared with other patches, so that a row needs two interpolations only.
-      const BasePoint unresolved = lerp(corners[0], corners[2], v), right = lerp(corners[1], corners[3], v);
+      const BasePoint left = lerp(corners[0], corners[2], v), right = lerp(corners[1], corners[3], v);
       for (size_t x = x0; x < x1; ++x) {
-        const double u = (static_cast<double>(x) + half) / static_cast<double>(cells);
-        const BasePoint f = per_texel ? lerp(unresolved, right, u) : context.gridPoint(patch, x, y, cells);
-        // The line starts on the drawn surface, so that the texel shows what lies nearest to it.
-        const double h = height(u, v);
-        batch.add(lineThrough({f.position + h * f.normal, f.normal}, context.patch_reach[patch]), u, v, h);
-        // Rays are faster if they are short; the rasteriser takes no longer for what is a little further away.
-        batch.lines.back().likely = context.rasteriser ? std::max(likely, 0.02 * batch.lines.back().reach) : likely;
+        const double u = place(x);
+        lines.add(batch, per_texel ? lerp(left, right, u) : context.gridPoint(patch, x, y, cells), u, v);
       }
     }
     context.intersect(batch);
     for (size_t i = 0; i < batch.lines.size(); ++i) {
       const size_t x = x0 + i % (x1 - x0), y = y0 + i / (x1 - x0);
-      band.row(y)[x] = colourNormalAt(batch.hits[i] ? batch.hits[i] : context.scene->closestPoint(batch.lines[i].at));
+      const SurfacePoint at = pointOf(batch, i);
+      band.row(y)[x] = colourNormalAt(at);
+      band.creased(y)[x] = context.normals->isSplit(at.triangle);
     }
+    if (!per_texel && context.normals->hasCreases()) sampleInside(lines, grid, {x0, y0, x1, y1}, batch, band);
     if (x1 == row) use(std::as_const(band));
     return !context.stopped();
   });
@@ -213,6 +281,10 @@ void interpolateRow(const SampleGrid& grid, const SampleBand& samples, size_t y,
   }
 }
 
+uint8_t byteOf(float value) {
+  return static_cast<uint8_t>(static_cast<int>(std::min(std::max(value + 0.5f, 0.0f), 255.0f)));
+}
+
 // Writes row y as bytes, with normals scaled to length 1.
 void quantiseRow(size_t side, size_t y, std::vector<float>& values, std::span<uint8_t> out) {
   const size_t plane = side * side;
@@ -227,9 +299,61 @@ void quantiseRow(size_t side, size_t y, std::vector<float>& values, std::span<ui
   for (size_t k = 0; k < kTexelChannels; ++k) {
     const float* v = values.data() + k * side;
     uint8_t* to = out.data() + k * plane + y * side;
-    for (size_t x = 0; x < side; ++x)
-      to[x] = static_cast<uint8_t>(static_cast<int>(std::min(std::max(v[x] + 0.5f, 0.0f), 255.0f)));
+    for (size_t x = 0; x < side; ++x) to[x] = byteOf(v[x]);
   }
+}
+
+// Is there a crease between a cell's corners? On a smooth surface their normals differ by less.
+bool isCreased(const SampleBand& samples, size_t x, size_t y) {
+  constexpr float kCosine = 0.9659f;  // 15 degrees
+  bool beside = false;
+  std::array<glm::vec3, 4> normals;
+  for (size_t k = 0; k < 4; ++k) {
+    const ColourNormal& s = samples.row(y + k / 2)[x + k % 2];
+    normals[k] = {s[3], s[4], s[5]};
+    beside |= samples.creased(y + k / 2)[x + k % 2] != 0;
+  }
+  if (!beside) return false;
+  for (size_t a = 0; a < 4; ++a)
+    for (size_t b = a + 1; b < 4; ++b)
+      if (glm::dot(normals[a], normals[b]) < kCosine) return true;
+  return false;
+}
+
+bool TexelBaker::sharpenCells(const PatchLines& lines, const SampleGrid& grid, const SampleBand& samples, size_t first,
+                              size_t end, std::span<uint8_t> out) const {
+  const size_t run = grid.side / grid.cells, tile = std::max<size_t>(1, context.tileSize() / run);
+  const auto side = static_cast<double>(grid.side), cells = static_cast<double>(grid.cells);
+  auto texelCentre = [&](size_t x) { return (static_cast<double>(x) + 0.5) / side; };
+  LineBatch batch;
+  std::vector<std::array<size_t, 2>> texels;
+  for (size_t y0 = first; y0 < end; y0 += tile) {
+    const size_t y1 = std::min(y0 + tile, end);
+    for (size_t x0 = 0; x0 < grid.cells; x0 += tile) {
+      const size_t x1 = std::min(x0 + tile, grid.cells);
+      texels.clear();
+      for (size_t y = y0; y < y1; ++y)
+        for (size_t x = x0; x < x1; ++x)
+          if (isCreased(samples, x, y))
+            for (size_t i = 0; i < run * run; ++i) texels.push_back({x * run + i % run, y * run + i / run});
+      if (texels.empty()) continue;
+      context.beginBatch(batch, lines.patch(), static_cast<double>(x0) / cells, static_cast<double>(y0) / cells,
+                         static_cast<double>(x1) / cells, static_cast<double>(y1) / cells);
+      for (const auto& [x, y] : texels) {
+        const double u = texelCentre(x), v = texelCentre(y);
+        lines.add(batch, context.patchPoint(lines.patch(), u, v), u, v);
+      }
+      context.intersect(batch);
+      for (size_t i = 0; i < texels.size(); ++i) {
+        ColourNormal texel = colourNormalAt(pointOf(batch, i));
+        for (size_t k = 3; k < kTexelChannels; ++k) texel[k] = texel[k] * 127.5f + 127.5f;
+        for (size_t k = 0; k < kTexelChannels; ++k)
+          out[(k * grid.side + texels[i][1]) * grid.side + texels[i][0]] = byteOf(texel[k]);
+      }
+      if (context.stopped()) return false;
+    }
+  }
+  return true;
 }
 
 }  // namespace
@@ -273,13 +397,21 @@ bool bakeTexels(const BakeContext& context, const BakedHeights& baked, const Bak
   if (texture.planes) return baker.bakePlanes(patch, out);
   const SampleGrid grid(texture);
   std::vector<float> row_samples(grid.row * kTexelChannels), values(grid.side * kTexelChannels);
-  size_t y = 0;
-  return baker.sampleSurface(patch, deviation_mm, grid, [&](const SampleBand& samples) {
+  const PatchLines lines(context, baked, deviation_mm, patch);
+  // Interpolation blurs a crease over a cell.
+  const bool sharpen = !grid.per_texel && context.normals->hasCreases();
+  size_t y = 0, sharpened = 0;  // rows of texels, of cells
+  bool whole = true;
+  const bool sampled = baker.sampleSurface(lines, grid, [&](const SampleBand& samples) {
     for (; y < grid.side && lastSampleRow(grid, y) < samples.end(); ++y) {
       interpolateRow(grid, samples, y, row_samples, values);
       quantiseRow(grid.side, y, values, out);
     }
+    if (!sharpen) return;
+    whole = whole && baker.sharpenCells(lines, grid, samples, sharpened, samples.end() - 1, out);
+    sharpened = samples.end() - 1;
   });
+  return sampled && whole;
 }
 
 }  // namespace relievo

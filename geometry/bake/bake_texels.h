@@ -15,8 +15,8 @@ struct BakeTexture {
   MipImage image;
   bool planes = false;  // the image's channels become the texture, in place of colour and normal
   int depth = 0;
-  int sample_grid_log2 = 0;  // colours and normals are sampled on a grid of 2^this cells and interpolated; at least the
-                             // texels: at each texel
+  int sample_grid_log2 = 0;  // colours and normals are sampled on a grid of 2^this cells and interpolated, but for
+                             // cells that a crease crosses; at least the texels: at each texel
 };
 // Sets texture.depth and texture.sample_grid_log2. requested_depth: -1 is as fine as the scan's colours.
 void chooseTextureResolution(const BakeContext& context, int requested_depth, BakeTexture& texture);

@@ -11,11 +11,11 @@
 #include "geometry/bake/bake_context.h"
 #include "geometry/bake/bake_texels.h"
 #include "geometry/bake/baked_heights.h"
+#include "geometry/bake/corner_normals.h"
 #include "geometry/bake/height_search.h"
 #include "geometry/bake/height_steps.h"
 #include "geometry/bake/line_rasteriser.h"
 #include "geometry/bake/mip_image.h"
-#include "geometry/bake/vertex_normals.h"
 #include "geometry/mesh/ray_scene.h"
 #include "src/base/parallel_for.h"
 
@@ -125,9 +125,9 @@ Result<BakeScene> makeBakeScene(const TriMesh& mesh, const BakeSceneOptions& opt
   if (!rays) return rays.error();
   out.rays = std::move(*rays);
   if (rasterise) out.rasteriser = std::make_shared<const LineRasteriser>(mesh, options.workers);
-  std::vector<glm::vec3> normals;
-  if (!makeVertexNormals(mesh, options.workers, options.interrupted, normals)) return interruptedError();
-  out.normals = std::make_shared<const std::vector<glm::vec3>>(std::move(normals));
+  CornerNormals normals;
+  if (!makeCornerNormals(mesh, options.workers, options.interrupted, normals)) return interruptedError();
+  out.normals = std::make_shared<const CornerNormals>(std::move(normals));
   return out;
 }
 

@@ -65,6 +65,7 @@ struct BakeReport {
 
 class LineRasteriser;
 class RayScene;
+struct CornerNormals;
 
 // The scan's search structures. The mesh must outlive them unchanged. They can be made while the base mesh is computed,
 // and copies share them, so that several bakes of one mesh build them once.
@@ -72,7 +73,7 @@ struct BakeScene {
   std::shared_ptr<const RayScene> rays;
   // Only of dense scans; rays trace the lines that it leaves open.
   std::shared_ptr<const LineRasteriser> rasteriser;
-  std::shared_ptr<const std::vector<glm::vec3>> normals;  // one for each vertex of the mesh
+  std::shared_ptr<const CornerNormals> normals;
 };
 struct BakeSceneOptions {
   // Memory for ray hierarchies. With less, a bake takes longer; its result is the same.

@@ -1,7 +1,6 @@
 #include "geometry/bake/vertex_normals.h"
 
 #include <algorithm>
-#include <array>
 #include <cmath>
 #include <cstdint>
 #include <numbers>
@@ -10,9 +9,7 @@
 #include "src/base/parallel_for.h"
 
 namespace relievo {
-namespace {
 
-// The angle of the vector (x, y), y > 0, with an error below 2e-6, in a tenth of the time of std::atan2.
 float angleOf(float y, float x) {
   const float wide = std::abs(x), t = std::min(wide, y) / std::max(wide, y), s = t * t;
   const float small_angle =
@@ -22,7 +19,6 @@ float angleOf(float y, float x) {
   return x < 0 ? std::numbers::pi_v<float> - first : first;
 }
 
-// A triangle's contributions to the normals of its corners: nothing if it has no area.
 std::array<glm::vec3, 3> cornerShares(const TriMesh& mesh, const std::array<uint32_t, 3>& t) {
   const std::array<glm::vec3, 3> p{mesh.positions_mm[t[0]], mesh.positions_mm[t[1]], mesh.positions_mm[t[2]]};
   const glm::vec3 n = glm::cross(p[1] - p[0], p[2] - p[0]);
@@ -35,6 +31,8 @@ std::array<glm::vec3, 3> cornerShares(const TriMesh& mesh, const std::array<uint
   }
   return out;
 }
+
+namespace {
 
 // Does the triangle face away from the normal of one of its corners?
 bool facesAway(const TriMesh& mesh, const std::array<uint32_t, 3>& t, const std::vector<glm::vec3>& normals) {

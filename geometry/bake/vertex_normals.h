@@ -4,7 +4,9 @@
 // polygonal facets".
 #pragma once
 
+#include <array>
 #include <atomic>
+#include <cstdint>
 #include <vector>
 
 #include <glm/glm.hpp>
@@ -12,6 +14,14 @@
 #include "geometry/mesh/tri_mesh.h"
 
 namespace relievo {
+
+// The angle of the vector (x, y), y not below 0 and not both 0, with an error below 2e-6, in a tenth of the time of
+// std::atan2, and the same on all machines.
+float angleOf(float y, float x);
+
+// A triangle's contributions to the normals of its corners, its normal times its angle there: nothing if it has no
+// area.
+std::array<glm::vec3, 3> cornerShares(const TriMesh& mesh, const std::array<uint32_t, 3>& triangle);
 
 // False: the call was interrupted, and the normals are incomplete. workers: 0 is one for each core.
 bool makeVertexNormals(const TriMesh& mesh, int workers, const std::atomic<bool>* interrupted,

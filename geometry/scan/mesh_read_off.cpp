@@ -1,5 +1,7 @@
 // mesh_read_off.cpp - OFF (Geomview): [ST][C][N]OFF, text and BINARY (big-endian; little-endian where only that fits
-// the file). Vertex colours behind the coordinates are taken in files without the C, too. Faces' colours are read over.
+// the file). Vertex colours behind the coordinates are taken in files without the C, too. Faces' colours, up to their
+// line's end, are read over. A text face may go on over several lines if it has no colours: a line that lacks corners
+// could not be told from one that goes on where the next one's first numbers are corners, and its others colours.
 #include <bit>
 #include <cmath>
 #include <cstring>
@@ -30,8 +32,8 @@ class OffReader {
   }
 
  private:
-  // The next line that is not blank, without its comment.
-  bool line(std::string_view& text, const char* what) {
+  // The next line that is not blank, without its comment. False: there is none.
+  bool nextLine(std::string_view& text) {
     while (in_.line(text)) {
       const size_t comment = std::min(text.find('#'), text.size());
       if (mesh_.unit.empty() && comment < text.size()) mesh_.unit = unitOfComment(text.substr(comment + 1));
@@ -39,6 +41,10 @@ class OffReader {
       std::string_view rest = text;
       if (!nextItem(rest).empty()) return true;
     }
+    return false;
+  }
+  bool line(std::string_view& text, const char* what) {
+    if (nextLine(text)) return true;
     in_.endOfFile(what);
     return false;
   }
@@ -190,14 +196,33 @@ class OffReader {
     if (!parseNumber(count, n))
       return in_.note("expected face " + std::to_string(face) + "'s count of corners, found " + inQuotes(count) +
                       " in line " + std::to_string(in_.lineNumber()));
+    const auto expected = [&] {
+      return "expected " + std::to_string(n) + " corners of face " + std::to_string(face) + ", found ";
+    };
+    const auto inLine = [&] { return " in line " + std::to_string(in_.lineNumber()); };
+    // A corner and what ends it take two bytes, but for the file's last one.
+    if (n > (text.size() + in_.left() + 1) / 2)
+      return in_.note(expected() + std::to_string(text.size() + in_.left()) +
+                      " bytes left in the file behind their count" + inLine());
+    const uint64_t first_line = in_.lineNumber();
     for (uint64_t k = 0; k < n; ++k) {
       int64_t v = 0;
       std::string_view item = nextItem(text);
-      if (!parseNumber(item, v))
-        return in_.note("expected " + std::to_string(n) + " corners of face " + std::to_string(face) + ", found " +
-                        inQuotes(item) + " in line " + std::to_string(in_.lineNumber()));
+      if (item.empty()) {
+        if (!nextLine(text))
+          return in_.note(expected() + "the end of the file behind " + std::to_string(k) + ", the first in line " +
+                              std::to_string(first_line),
+                          "it is truncated, or states more than it holds; get a whole copy");
+        item = nextItem(text);
+      }
+      if (!parseNumber(item, v)) return in_.note(expected() + inQuotes(item) + inLine());
       if (!corner(v, face)) return;
     }
+    if (in_.lineNumber() != first_line)
+      if (const std::string_view item = nextItem(text); !item.empty())
+        return in_.note(expected() + inQuotes(item) + " behind them" + inLine() + ", the first in line " +
+                            std::to_string(first_line),
+                        "a line before it lacks a corner; or write each face that has a colour in one line");
     cutter_.add(corners_, corner_uv_);
   }
 

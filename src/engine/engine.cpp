@@ -34,6 +34,7 @@
 #include "src/render/surface_target.h"
 #include "src/render/tail_textures.h"
 #include "texturing/codec/page_codec.h"
+#include "texturing/package/crease_gutter.h"
 #include "texturing/package/package_layout.h"
 
 namespace relievo {
@@ -195,7 +196,7 @@ struct Engine::Impl {
     if (of.resolve) tail_textures->setTexels(resolvedTails(*tails, format, light), *artwork.manifest.base);
     else if (!of.lit() && format.planes() > 1)
       tail_textures->setTexels(resolvedTails(*tails, {}, light), *artwork.manifest.base);  // the colour alone
-    else tail_textures->setTexels(*tails, *artwork.manifest.base);
+    else tail_textures->setTexels(*tails, *artwork.manifest.base, hasNormals(format));
   }
 
   // What the plan's pages need. Pages that are resolved, or made, are RGBA8.

@@ -76,6 +76,7 @@ void meshes() {
   const GltfText beside = gltfOf(sheet(1, 1), "scan.mtl");
   put("gltf", "beside", beside.json + "#materials\n" + beside.binary);
   put("off", "polygons", "OFF\n# a comment\n5 2 0\n0 0 0\n1 0 0\n1 1 0\n0 1 0\n2 2 2\n5 0 1 2 3 4 255 0 0\n3 0 1 2\n");
+  put("off", "lines", "OFF\n4 2 0\n0 0 0\n1 0 0\n1 1 0\n0 1 0\n4 0 \n1 \n2 3\n\n3\n0 1 2\n");
 }
 
 // A grey JPEG, as image files have it and as JPEG variants of .ptm hold one a plane.

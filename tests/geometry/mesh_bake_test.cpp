@@ -10,6 +10,7 @@
 #include <random>
 
 #include "geometry/bake/bake_trace.h"
+#include "geometry/bake/vertex_normals.h"
 #include "geometry/mesh/mesh_order.h"
 #include "geometry/mesh/ray_scene.h"
 #include "geometry/remesh/base_faces.h"
@@ -680,6 +681,50 @@ TEST(MeshBake, coloursHaveNoStepsBetweenBandsOfRows) {
         }
       }
     }
+  }
+}
+
+// A roof over a patch, its ridge between two of the samples that normals are interpolated from, and two patches that
+// meet at their ridge: the slopes are even up to the texel that the ridge crosses.
+TEST(MeshBake, creasesAreSharp) {
+  constexpr double kRidge = 4.9;
+  for (const int patches : {1, 2}) {
+    const double ridge = patches == 1 ? kRidge : 10, width = 10.0 * patches;
+    TriMesh mesh = sheetMesh(width, 10, 10 * patches, 10, [](double, double) { return 0.0; });
+    for (glm::vec3& p : mesh.positions_mm) {
+      if (std::abs(p.x - ridge) < 0.5) p.x = static_cast<float>(ridge);
+      p.z = static_cast<float>(-std::abs(p.x - ridge));
+    }
+    auto baked = bake(mesh, sheetBase(width, 10, patches, 1), {.cells_log2 = 5, .texture_depth = 0});
+    ASSERT_TRUE(baked);
+    constexpr size_t kTexels = 128;
+    std::vector<uint8_t> texels(6 * kTexels * kTexels);
+    size_t at_ridge = 0, uphill = 0, downhill = 0;
+    for (uint32_t p = 0; p < static_cast<uint32_t>(patches); ++p) {
+      ASSERT_TRUE(baked->texels(p, texels));
+      for (size_t y = 0; y < kTexels; ++y) {
+        for (size_t x = 0; x < kTexels; ++x) {
+          const double px = 10.0 * p + 10 * (static_cast<double>(x) + 0.5) / kTexels, side = px < ridge ? -1 : 1;
+          const size_t at = y * kTexels + x;
+          if (std::abs(px - ridge) < 0.5 * 10 / kTexels) {
+            ++at_ridge;
+            continue;
+          }
+          ASSERT_NEAR(texels[at + 3 * kTexels * kTexels], 127.5 * (1 + side * std::sqrt(0.5)), 1) << px << " " << y;
+          ASSERT_NEAR(texels[at + 5 * kTexels * kTexels], 127.5 * (1 + std::sqrt(0.5)), 1) << px << " " << y;
+          ++(side < 0 ? uphill : downhill);
+        }
+      }
+    }
+    EXPECT_LE(at_ridge, kTexels);
+    EXPECT_GT(uphill, 50 * kTexels);
+    EXPECT_GT(downhill, 50 * kTexels);
+    // Control: the ridge's mean normal points up, and would tint the dozen texels to both sides of it.
+    std::vector<glm::vec3> means;
+    ASSERT_TRUE(makeVertexNormals(mesh, 1, nullptr, means));
+    float most = 0;
+    for (const glm::vec3& n : means) most = std::max(most, n.z);
+    EXPECT_GT(most, 0.99f);
   }
 }
 

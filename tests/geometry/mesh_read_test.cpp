@@ -617,6 +617,29 @@ TEST(MeshRefusals, SayWhatIsWrongAndWhere) {
   expectRefused(saveFile("a.stl", binary.substr(0, binary.size() / 2)), invalid, "triangles stated");
 }
 
+TEST(MeshFormats, FacesOfOffMayGoOnOverSeveralLines) {
+  const std::string vertices = "0 0 0\n4 0 0\n4 4 0\n0 4 0\n2 6 0\n";
+  const LoadedMesh one = mustRead(saveFile("a.off", "OFF\n5 2 0\n" + vertices + "4 0 1 2 3\n3 3 2 4\n"));
+  EXPECT_DOUBLE_EQ(area(one.mesh), 20);
+  for (const char* faces :
+       {"4 0 1 \n2\n3\n\n3 3 2 4\n", "4\r\n0 1 2 3\r\n3\r\n3\r\n2\r\n4",
+        "4 0 1 # half of it\n# a comment\n2 3\n3 3 2 4 255 0 0\n", "4 0 1 2 3 0.5 0.5 0.5\n3 3 2\n4\n"}) {
+    const LoadedMesh several = mustRead(saveFile("a.off", "OFF\n5 2 0\n" + vertices + faces));
+    EXPECT_EQ(several.mesh.triangles, one.mesh.triangles) << faces;
+    EXPECT_EQ(several.mesh.positions_mm, one.mesh.positions_mm) << faces;
+  }
+  // Controls: a corner too few is told from a face that goes on, wherever it lacks.
+  for (const auto& [faces, message] :
+       {std::pair{"4 0 1 2\n3 3 2 4\n",
+                  "expected 4 corners of face 0, found \"3\" behind them in line 9, the first in line 8"},
+        std::pair{"4 0 1 2 3\n3 3 2\n\n\n",
+                  "expected 3 corners of face 1, found the end of the file behind 2, the first in line 9"},
+        std::pair{"4 0 1 2 3\n3 3 2\n",
+                  "expected 3 corners of face 1, found 4 bytes left in the file behind their count in line 9"},
+        std::pair{"4 0 1\n2 x\n3 3 2 4\n", "expected 4 corners of face 0, found \"x\" in line 9"}})
+    expectRefused(saveFile("a.off", "OFF\n5 2 0\n" + vertices + faces), ErrorKind::kInvalidData, message);
+}
+
 TEST(MeshRefusals, BadVerticesAreCounted) {
   auto refused = [](const char* vertices) {
     const auto r = readMesh(saveFile("a.obj", std::string(vertices) + "f 1 2 3\n"));

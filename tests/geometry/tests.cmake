@@ -8,6 +8,7 @@ relievo_test(texture_select_test LIBS relievo_lod SOURCES geometry/texture_selec
 relievo_test(ray_scene_test LIBS relievo_bake SOURCES geometry/ray_scene_test.cpp)
 relievo_test(line_rasteriser_test LIBS relievo_bake SOURCES geometry/line_rasteriser_test.cpp)
 relievo_test(mesh_watertight_test LIBS relievo_lod SOURCES geometry/mesh_watertight_test.cpp)
+relievo_test(corner_normals_test LIBS relievo_bake SOURCES geometry/corner_normals_test.cpp)
 relievo_test(grid_error_test LIBS relievo_bake SOURCES geometry/grid_error_test.cpp)
 relievo_test(height_fit_test LIBS relievo_bake SOURCES geometry/height_fit_test.cpp)
 relievo_test(mip_image_test LIBS relievo_bake SOURCES geometry/mip_image_test.cpp)

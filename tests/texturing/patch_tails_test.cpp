@@ -8,6 +8,7 @@
 #include <fstream>
 #include <functional>
 #include <map>
+#include <numbers>
 
 #include "patch_fixture.h"
 #include "src/artwork/bases/ptm.h"
@@ -73,6 +74,46 @@ TEST(PatchTails, texelsAreMeansOfTheRoot) {
       }
   }
   EXPECT_LE(worst, 0.5 + 1.0 / 64);  // rounded to a byte, after at most six roundings to 1/256
+}
+
+// Two patches side by side, colours 10 and 200, whose normals differ by an angle: up to 40 degrees a filter blends
+// them.
+TEST(PatchTails, normalsEndAtCreases) {
+  BaseMesh mesh;
+  for (int y = 0; y < 2; ++y)
+    for (int x = 0; x < 3; ++x) mesh.corners.push_back({{static_cast<float>(x), static_cast<float>(-y), 0}, {0, 0, 1}});
+  mesh.patches = {{0, 1, 3, 4}, {1, 2, 4, 5}};
+  for (const double degrees : {30.0, 38.0, 42.0, 90.0, 180.0}) {
+    const double turn = degrees * std::numbers::pi / 180;
+    const std::array<std::array<double, 3>, 2> normals{{{0, 0, 1}, {std::sin(turn), 0, std::cos(turn)}}};
+    PatchTails tails(2, 6);
+    std::array<std::array<uint8_t, 6>, 2> texel{};
+    for (uint32_t p = 0; p < 2; ++p)
+      for (int level = 0; level < kTailLevels; ++level)
+        for (int c = 0; c < 6; ++c) {
+          texel[p][static_cast<size_t>(c)] = static_cast<uint8_t>(
+              c < 3 ? (p ? 200 : 10) : std::lround(127.5 * (normals[p][static_cast<size_t>(c - 3)] + 1)));
+          const auto side = static_cast<size_t>(PatchTails::side(level));
+          std::fill_n(const_cast<uint8_t*>(tails.level(p, level, c)), side * side, texel[p][static_cast<size_t>(c)]);
+        }
+    for (const bool has_normals : {true, false}) {
+      const TailBlocks blocks(tails, mesh, has_normals);
+      for (int level = 0; level < kTailLevels; ++level)
+        for (uint32_t p = 0; p < 2; ++p) {
+          std::vector<uint32_t> words(2 * tailBlockTexels(level));
+          blocks.write(p, level, words.data());
+          // Beyond the common side, its ends and the corners there.
+          const size_t row = tailBlockSide(level), x = p == 0 ? row - 1 : 0;
+          for (size_t y = 0; y < row; ++y)
+            for (size_t c = 0; c < 6; ++c) {
+              const bool own = c >= 3 && has_normals && degrees > 40;
+              const auto shown = static_cast<uint8_t>(words[2 * (y * row + x) + c / 3] >> (8 * (c % 3)));
+              ASSERT_NEAR(shown, texel[own ? p : 1 - p][c], own ? 0 : 1)
+                  << degrees << " " << level << " " << y << " " << c;
+            }
+        }
+    }
+  }
 }
 
 // From its own tile alone, a patch shows along a side what its neighbour shows there; around a corner all patches show

@@ -15,6 +15,7 @@
 #include "patch_fixture.h"
 #include "tests/view_share.h"
 #include "texturing/codec/page_codec.h"
+#include "texturing/package/crease_gutter.h"
 #include "texturing/package/package.h"
 #include "texturing/package/package_base.h"
 #include "texturing/package/package_layout.h"
@@ -172,7 +173,7 @@ std::set<uint32_t> around(const BaseMesh& base, uint32_t patch) {
 std::array<double, 2> furthestOff(const Package& package, const Package& whole) {
   const Manifest& m = package.manifest();
   const PatchTails tails = package.tails(1, nullptr);
-  const TailBlocks blocks(tails, *m.base);
+  const TailBlocks blocks(tails, *m.base, hasNormals(m.texture));
   const auto planes = static_cast<size_t>(m.texture.planes());
   PageDecoder decoder;
   std::vector<uint8_t> fine(kSlotBytes), coarse(kSlotBytes);

@@ -269,5 +269,24 @@ TEST(MeshReport, aPageOfItsOwn) {
   EXPECT_EQ(failed.error().kind, ErrorKind::kIo);
 }
 
+TEST(MissedTarget, tellsExpectedAndFoundApart) {
+  Fidelity f;
+  f.target = FidelityTarget::within(0.322);
+  f.to_drawn.rms_mm = 0.03220004;
+  f.to_drawn.p99_9_mm = 0.5;
+  f.to_drawn.max_mm = 2;
+  f.to_drawn.area_beyond = 1.04e-4;
+  f.to_drawn.max_at_mm = {1, 2, 3};
+  EXPECT_EQ(
+      missedTarget(f),
+      "the target is missed: expected RMS within 0.0322 mm, 99.9 % within 0.322 mm and 99.99 % of the area within "
+      "1.07 mm of the scan, found 0.03220004 mm, 0.5 mm and 99.9896 %, the largest distance 2 mm at (1, 2, 3)");
+  // Control: numbers that differ anyway, and equal ones, stay short.
+  f.to_drawn.rms_mm = 0.0412345678;
+  f.to_drawn.p99_9_mm = f.target.p99_9_mm;
+  f.to_drawn.area_beyond = 0.1234567;
+  EXPECT_NE(missedTarget(f).find("found 0.0412 mm, 0.322 mm and 87.65 %,"), std::string::npos) << missedTarget(f);
+}
+
 }  // namespace mesh_report_test
 }  // namespace relievo

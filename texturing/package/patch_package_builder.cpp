@@ -29,6 +29,7 @@
 #include "texturing/codec/mip.h"
 #include "texturing/codec/page_codec.h"
 #include "texturing/package/build_reporter.h"
+#include "texturing/package/crease_gutter.h"
 #include "texturing/package/package_base.h"
 #include "texturing/package/package_layout.h"
 #include "texturing/package/package_writer.h"
@@ -528,16 +529,34 @@ class LevelReader {
                                       strip_.size());
           !read)
         return read;
+      const bool upright = s == kLeft || s == kRight;
+      // Texel i of the nearest row of our side, and of the neighbour's strip.
+      auto ownTexel = [&](size_t i) {
+        const size_t edge = s == kRight || s == kBottom ? side_ - 1 : 0;
+        return upright ? i * side_ + edge : edge * side_ + i;
+      };
+      auto theirTexel = [&](size_t i) { return n.reversed ? side_ - 1 - i : i; };
+      creased_.assign(side_, 0);
+      if (hasNormals(c_.header.texture))
+        for (size_t i = 0; i < side_; ++i) {
+          std::array<uint8_t, 3> own, theirs;
+          for (size_t k = 0; k < 3; ++k) {
+            own[k] = inside_[(kNormalChannel + k) * side_ * side_ + ownTexel(i)];
+            theirs[k] = strip_[(kNormalChannel + k) * kGutterPx * side_ + theirTexel(i)];
+          }
+          creased_[i] = isCrease(own, theirs);
+        }
       const uint8_t* in = strip_.data();
       for (size_t c = 0; c < channels; ++c) {
         for (size_t d = 0; d < kGutterPx; ++d, in += side_) {
           // Texel i along the side, d + 1 texels beyond it.
           const size_t across = s == kLeft || s == kTop ? kPageBorderPx - 1 - d : kPageBorderPx + side_ + d;
-          const bool upright = s == kLeft || s == kRight;
           uint8_t* out = bordered_.data() + c * plane +
                          (upright ? kPageBorderPx * stride() + across : across * stride() + kPageBorderPx);
           const size_t step = upright ? stride() : 1;
-          for (size_t i = 0; i < side_; ++i) out[i * step] = in[n.reversed ? side_ - 1 - i : i];
+          for (size_t i = 0; i < side_; ++i)
+            out[i * step] =
+                creased_[i] && c >= kNormalChannel ? inside_[c * side_ * side_ + ownTexel(i)] : in[theirTexel(i)];
         }
       }
     }
@@ -552,14 +571,27 @@ class LevelReader {
     const size_t meet = c_.first[corner + 1] - c_.first[corner];
     const size_t x_in = kPageBorderPx + (k % 2 ? side_ - 1 : 0), y_in = kPageBorderPx + (k / 2 ? side_ - 1 : 0);
     const size_t x_out = k % 2 ? x_in + 1 : x_in - 1, y_out = k / 2 ? y_in + 1 : y_in - 1;
+    auto cornerTexels = [&](uint32_t i) {
+      return c_.corner_texels.data() + c_.cornerPlace(c_.at[i] / 4, level, c_.at[i] % 4);
+    };
+    bool crease = false;
+    if (hasNormals(c_.header.texture)) {
+      std::array<uint8_t, 3> own, theirs;
+      for (size_t c = 0; c < 3; ++c) own[c] = bordered_[((kNormalChannel + c) * stride() + y_in) * stride() + x_in];
+      for (uint32_t i = c_.first[corner]; i < c_.first[corner + 1]; ++i) {
+        std::copy_n(cornerTexels(i) + kNormalChannel, 3, theirs.begin());
+        crease |= isCrease(own, theirs);
+      }
+    }
     for (size_t c = 0; c < static_cast<size_t>(c_.store.channels); ++c) {
       uint8_t* plane = bordered_.data() + c * stride() * stride();
       auto at = [&](size_t x, size_t y) -> uint8_t& { return plane[y * stride() + x]; };
       size_t sum = 0;
-      for (uint32_t i = c_.first[corner]; i < c_.first[corner + 1]; ++i)
-        sum += c_.corner_texels[c_.cornerPlace(c_.at[i] / 4, level, c_.at[i] % 4) + c];
+      for (uint32_t i = c_.first[corner]; i < c_.first[corner + 1]; ++i) sum += cornerTexels(i)[c];
       const int four_means = static_cast<int>((8 * sum + meet) / (2 * meet));
-      const int beyond = std::clamp(four_means - at(x_in, y_in) - at(x_out, y_in) - at(x_in, y_out), 0, 255);
+      const int beyond = crease && c >= kNormalChannel
+                             ? at(x_in, y_in)
+                             : std::clamp(four_means - at(x_in, y_in) - at(x_out, y_in) - at(x_in, y_out), 0, 255);
       for (size_t j = 0; j < kPageBorderPx; ++j)
         for (size_t i = 0; i < kPageBorderPx; ++i)
           at(k % 2 ? x_out + i : x_out - i, k / 2 ? y_out + j : y_out - j) = static_cast<uint8_t>(beyond);
@@ -569,6 +601,7 @@ class LevelReader {
   const Context& c_;
   size_t side_ = 0;
   std::vector<uint8_t> inside_, bordered_, strip_;
+  std::vector<uint8_t> creased_;  // for each texel along a side: 1 where the patches meet at a crease
 };
 
 class DepthFinder {

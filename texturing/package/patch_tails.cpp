@@ -9,6 +9,7 @@
 #include "texturing/codec/neutral_page.h"
 #include "texturing/codec/page_codec.h"
 #include "texturing/codec/resolve.h"
+#include "texturing/package/crease_gutter.h"
 #include "texturing/package/package_layout.h"
 
 namespace relievo {
@@ -123,9 +124,10 @@ PatchTails resolvedTails(const PatchTails& tails, const TextureFormat& format, c
   return out;
 }
 
-TailBlocks::TailBlocks(const PatchTails& tails, const BaseMesh& base)
+TailBlocks::TailBlocks(const PatchTails& tails, const BaseMesh& base, bool normals)
     : tails_(tails),
       base_(base),
+      normals_(normals),
       neighbours_(patchNeighbours(base)),
       first_(base.corners.size() + 1, 0),
       at_(base.patches.size() * 4) {
@@ -136,16 +138,25 @@ TailBlocks::TailBlocks(const PatchTails& tails, const BaseMesh& base)
   for (uint32_t i = 0; i < at_.size(); ++i) at_[next[base.patches[i / 4][i % 4]]++] = i;
 }
 
+std::array<uint8_t, 3> TailBlocks::normalAt(uint32_t patch, int level, size_t texel) const {
+  std::array<uint8_t, 3> out;
+  for (size_t c = 0; c < 3; ++c) out[c] = tails_.level(patch, level, static_cast<int>(kNormalChannel + c))[texel];
+  return out;
+}
+
 // As a page's border has it: what makes the mean of the four texels around the corner the same from all patches that
 // meet there.
 uint8_t TailBlocks::beyondCorner(uint32_t patch, size_t k, int level, int channel) const {
   const uint32_t corner = base_.patches[patch][k];
   const size_t last = static_cast<size_t>(PatchTails::side(level) - 1), side = last + 1;
-  auto cornerTexel = [&](uint32_t p, size_t slot) {
-    return tails_.level(p, level, channel)[(slot / 2) * last * side + (slot % 2) * last];
-  };
+  auto texelAt = [&](size_t slot) { return (slot / 2) * last * side + (slot % 2) * last; };
+  auto cornerTexel = [&](uint32_t p, size_t slot) { return tails_.level(p, level, channel)[texelAt(slot)]; };
   size_t sum = 0;
   const size_t meet = first_[corner + 1] - first_[corner];
+  if (normals_ && channel >= static_cast<int>(kNormalChannel))
+    for (uint32_t i = first_[corner]; i < first_[corner + 1]; ++i)
+      if (isCrease(normalAt(patch, level, texelAt(k)), normalAt(at_[i] / 4, level, texelAt(at_[i] % 4))))
+        return cornerTexel(patch, k);
   for (uint32_t i = first_[corner]; i < first_[corner + 1]; ++i) sum += cornerTexel(at_[i] / 4, at_[i] % 4);
   const int four_means = static_cast<int>((8 * sum + meet) / (2 * meet));
   // Across the two sides that end here.
@@ -186,7 +197,12 @@ void TailBlocks::write(uint32_t patch, int level, uint32_t* out) const {
       const int their_edge = their_side == kRight || their_side == kBottom ? last : 0;
       for (int i = 0; i < side; ++i) {
         const int t = reversed ? last - i : i;
-        const uint8_t value = from[their_upright ? t * side + their_edge : their_edge * side + t];
+        const auto theirs = static_cast<size_t>(their_upright ? t * side + their_edge : their_edge * side + t),
+                   nearest = static_cast<size_t>(upright ? i * side + edge : edge * side + i);
+        const bool crease = normals_ && channel >= static_cast<int>(kNormalChannel) &&
+                            n.patch != PatchNeighbour::kNone &&
+                            isCrease(normalAt(patch, level, nearest), normalAt(n.patch, level, theirs));
+        const uint8_t value = crease ? own[nearest] : from[theirs];
         if (upright) put(beyond, i, value);
         else put(i, beyond, value);
       }

@@ -16,8 +16,7 @@ namespace relievo {
 // bytes differ by up to one step even where both are exact.
 inline constexpr double kTextureTolerance = 2;
 // Single components of normals may differ by so many times as much: with the default by 8 steps of 1/127.5, or 3.6
-// degrees. They differ most at creases, which pages cut short as well where they are interpolated between the few
-// samples that a small patch has (geometry/bake/bake_texels.h).
+// degrees. They differ most at creases, along a line.
 inline constexpr double kNormalTolerance = 4;
 // The root mean square of a channel's differences may be so many times the tolerance, for normals, too: with the
 // default 1 step, or 0.45 degrees. Shallow relief that a light from the side shows differs everywhere, a crease along a

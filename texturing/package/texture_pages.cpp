@@ -4,6 +4,7 @@
 #include <cmath>
 #include <vector>
 
+#include "texturing/package/crease_gutter.h"
 #include "texturing/package/package_layout.h"
 
 namespace relievo {
@@ -49,7 +50,7 @@ uint64_t TexturePages::bytes(const Manifest& m) {
 const TexturePages::Tails& TexturePages::tails() const {
   std::call_once(once_, [&] {
     tails_.tails = package_->tails(1, nullptr);
-    tails_.blocks.emplace(tails_.tails, *package_->manifest().base);
+    tails_.blocks.emplace(tails_.tails, *package_->manifest().base, hasNormals(package_->manifest().texture));
   });
   return tails_;
 }

@@ -1,9 +1,11 @@
 #include "tools/report/mesh_report.h"
 
 #include <algorithm>
+#include <array>
 #include <cmath>
 #include <cstdio>
 #include <cstring>
+#include <limits>
 #include <span>
 
 #include "src/artwork/patch_domain.h"
@@ -135,7 +137,26 @@ constexpr const char* kStyle =
     "right,rgb(68,1,84),rgb(59,82,139),rgb(33,145,140),rgb(94,201,98),rgb(253,231,37))}"
     ".ends{display:flex;justify-content:space-between}";
 
+// An expected and a found number, of so many digits, or of as many more as tell them apart.
+std::array<std::string, 2> toldApart(double expected, double found, int digits = 3) {
+  std::array<std::string, 2> out;
+  do {
+    out = {format("%.*g", digits, expected), format("%.*g", digits, found)};
+  } while (expected != found && out[0] == out[1] && ++digits <= std::numeric_limits<double>::max_digits10);
+  return out;
+}
+
 }  // namespace
+
+std::string missedTarget(const Fidelity& f) {
+  const OneSidedFidelity& way = f.to_drawn.excess(f.target) >= f.to_scan.excess(f.target) ? f.to_drawn : f.to_scan;
+  const auto rms = toldApart(f.target.rms_mm, way.rms_mm), p99_9 = toldApart(f.target.p99_9_mm, way.p99_9_mm),
+             area = toldApart(100 * (1 - FidelityTarget::kMaxAreaBeyond), 100 * (1 - way.area_beyond), 4);
+  return "the target is missed: expected RMS within " + rms[0] + " mm, 99.9 % within " + p99_9[0] + " mm and " +
+         area[0] + " % of the area within " + format("%.3g", f.target.max_mm) + " mm of the scan, found " + rms[1] +
+         " mm, " + p99_9[1] + " mm and " + area[1] + " %, the largest distance " +
+         format("%.3g mm at (%.6g, %.6g, %.6g)", way.max_mm, way.max_at_mm.x, way.max_at_mm.y, way.max_at_mm.z);
+}
 
 Json meshJson(const std::string& file, const std::string& unit, const MeshDiagnosis& d, const BaseMesh& base,
               const BakeReport& bake, uint32_t patches_asked) {

@@ -22,6 +22,9 @@ nlohmann::ordered_json meshJson(const std::string& file, const std::string& unit
 // ours.
 std::string meshText(const nlohmann::ordered_json& mesh);
 
+// How far a build is from a target that it misses, by the worse of both ways: a sentence without its end.
+std::string missedTarget(const Fidelity& fidelity);
+
 struct StageCost {
   std::string name;
   double seconds = 0;

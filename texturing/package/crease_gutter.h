@@ -1,0 +1,32 @@
+// crease_gutter.h - where two patches meet along a crease, each has its own side's normals (geometry/bake/
+// corner_normals.h). Filters that blended them would tint a texel's width of both sides, which is wide on long patches.
+// So the gutter there repeats the patch's own normals. Pure: any thread.
+#pragma once
+
+#include <array>
+#include <cstddef>
+#include <cstdint>
+
+#include "src/artwork/basis.h"
+
+namespace relievo {
+
+// The first of three channels that are a normal's components, b / 127.5 - 1 by byte b; of the basis kAlbedoNormal.
+inline constexpr size_t kNormalChannel = 3;
+inline bool hasNormals(const TextureFormat& format) { return format.basis == Basis::kAlbedoNormal; }
+
+// Do normals differ by more than 40 degrees? Those of coarse levels are means, shorter than 1. In integers, so that
+// builders and readers decide alike.
+inline bool isCrease(const std::array<uint8_t, 3>& a, const std::array<uint8_t, 3>& b) {
+  int64_t along = 0, a_squared = 0, b_squared = 0;
+  for (size_t c = 0; c < 3; ++c) {
+    const int64_t x = 2 * a[c] - 255, y = 2 * b[c] - 255;
+    along += x * y;
+    a_squared += x * x;
+    b_squared += y * y;
+  }
+  constexpr int64_t kSquaredCosine = 587, kParts = 1000;
+  return along < 0 || kParts * along * along < kSquaredCosine * a_squared * b_squared;
+}
+
+}  // namespace relievo
