@@ -19,9 +19,8 @@
 // of a crease are smooth. So an edge is a crease where
 // - at both its ends the edges fall into at most kMostSharp sharp ones, it among them, and others of at most kRest of
 //   the least sharp one's angle;
-// - at both its ends few neighbours are rough, that is have sharp edges without such a gap. Where noise leaves a gap at
-// a
-//   vertex by chance, most vertices around it are rough;
+// - at both its ends few neighbours are rough, that is have sharp edges without such a gap. Where noise leaves a gap
+//   at a vertex by chance, most vertices around it are rough;
 // - it is connected to others, kLeastEdges or more, since chance joins few. The shortest real ones, around a peg or the
 //   base of a pyramid, have more.
 // Of a ball of 120,000 triangles whose normals are off by 6 to 60 degrees (root mean square) no edge is a crease.
