@@ -56,7 +56,8 @@ inline int denseShare(int n) {
   return std::min(n, std::max(3, openGlEs() ? n / 8 : n / 2));
 }
 
-// Negative controls show that a test's own code can fail: with OpenGL ES they would show it again.
+// Negative controls show that a test's own code can fail, and what lies outside the shaders is the same: with OpenGL ES
+// both would be shown again.
 inline bool controlledWithOpenGl() { return openGlEs() && !longTests(); }
 
 }  // namespace relievo::test

@@ -120,13 +120,33 @@ struct ExrHeader {
     at += bytes.size();
     return bytes[0] | bytes[1] << 8 | bytes[2] << 16 | static_cast<uint32_t>(bytes[3]) << 24;
   }
-  // How many bytes the library reads of a value of this type, of `size` bytes from here, whatever its size claims to be.
+  // How many bytes the library reads of a value of this type, of `size` bytes from here, whatever its size claims to
+  // be.
   Result<uint64_t> bytesRead(const std::string& type, uint64_t size) {
-    constexpr std::pair<const char*, uint64_t> kFixed[] = {
-        {"box2f", 16}, {"box2i", 16},  {"chromaticities", 32}, {"compression", 1}, {"deepImageState", 1}, {"double", 8},
-        {"envmap", 1}, {"float", 4},   {"int", 4},             {"keycode", 28},    {"lineOrder", 1},      {"m33d", 72},
-        {"m33f", 36},  {"m44d", 128},  {"m44f", 64},           {"rational", 8},    {"tiledesc", 9},       {"timecode", 8},
-        {"v2d", 16},   {"v2f", 8},     {"v2i", 8},             {"v3d", 24},        {"v3f", 12},           {"v3i", 12}};
+    constexpr std::pair<const char*, uint64_t> kFixed[] = {{"box2f", 16},
+                                                           {"box2i", 16},
+                                                           {"chromaticities", 32},
+                                                           {"compression", 1},
+                                                           {"deepImageState", 1},
+                                                           {"double", 8},
+                                                           {"envmap", 1},
+                                                           {"float", 4},
+                                                           {"int", 4},
+                                                           {"keycode", 28},
+                                                           {"lineOrder", 1},
+                                                           {"m33d", 72},
+                                                           {"m33f", 36},
+                                                           {"m44d", 128},
+                                                           {"m44f", 64},
+                                                           {"rational", 8},
+                                                           {"tiledesc", 9},
+                                                           {"timecode", 8},
+                                                           {"v2d", 16},
+                                                           {"v2f", 8},
+                                                           {"v2i", 8},
+                                                           {"v3d", 24},
+                                                           {"v3f", 12},
+                                                           {"v3i", 12}};
     for (const auto& [name, bytes] : kFixed)
       if (type == name) return bytes;
     if (type == "preview" && size >= 8) {
@@ -195,8 +215,7 @@ Result<void> checkExrHeader(const InputFile& file) {
     }
     auto bytes = header.bytesRead(*type, *size);
     if (!bytes) return bytes.error();
-    if (*bytes != *size)
-      return attribute("of " + std::to_string(*bytes) + " bytes", std::to_string(*size));
+    if (*bytes != *size) return attribute("of " + std::to_string(*bytes) + " bytes", std::to_string(*size));
     header.at = value_at + *size;
   }
   return {};
