@@ -4,19 +4,19 @@
 //
 // Repaired: duplicate vertices (the same float from the origin; the first one's colour stays), degenerate and duplicate
 // triangles, triangles that run against their piece, closed pieces inside out, edges of more than two triangles and
-// vertices of several fans (split; the pieces stay where they are), T-junctions (vertices of an open border within 1e-7
-// of the diagonal of another open edge), vertices of no triangle.
+// vertices of several fans (split; the pieces stay where they are), pieces with one side only (cut open), T-junctions
+// (vertices of an open border within 1e-7 of the diagonal of another open edge), vertices of no triangle.
 //
 // Dropped, with the area that is lost: of more than 2,048 pieces the smallest, up to 1 % of the area; pieces that have
 // no area.
 //
-// Reported only: open borders, isolated pieces, pieces that are not orientable.
+// Reported only: open borders, isolated pieces.
 //
 // Refused (kInvalidData): numbers that are not finite, coordinates beyond 10^12 mm, indices out of range, counts that
 // the file cannot hold.
 //
-// In a repaired mesh all triangles of an orientable piece run alike, closed pieces outwards, and the triangles around a
-// vertex form one fan.
+// In a repaired mesh all triangles of a piece run alike, closed pieces outwards, and the triangles around a vertex form
+// one fan.
 #pragma once
 
 #include <atomic>

@@ -66,9 +66,10 @@ class Repair {
           "relievo-mesh", [&] { return oneFanAVertex(mesh_, census.mate, interrupted_); }, beside());
     Turned turned = findTurns(mesh_, census, interrupted_, workers_);
     const bool one_fan = sound_fans && sound_fans->get();
-    Pieces pieces = turn(census, std::move(turned));
+    turn(census, turned);
+    Pieces pieces = std::move(turned.pieces);
     if (!step(0.7)) return stopped();
-    if (!one_fan && !splitSheets(census, pieces)) {
+    if (!(one_fan && turned.cut.empty()) && !splitSheets(census, pieces, turned.cut)) {
       if (isStopped()) return stopped();
       return Error{ErrorKind::kInvalidData,
                    name_,
@@ -239,7 +240,7 @@ class Repair {
     return true;
   }
 
-  Pieces turn(EdgeCensus& census, Turned turned) {
+  void turn(EdgeCensus& census, Turned& turned) {
     turnOver(mesh_, census, turned);
     auto tell = [&](const char* what, const char* done, const std::vector<uint32_t>& triangles) {
       MeshFinding finding{what, 0, {}, done};
@@ -248,17 +249,24 @@ class Repair {
     };
     tell("flipped triangles", "turned as their piece", turned.triangles);
     tell("closed pieces inside out", "turned", turned.inside_out);
-    tell("pieces that are not orientable", "", turned.not_orientable);
-    return std::move(turned.pieces);
+    MeshFinding one_sided{"pieces with one side only, as a Moebius strip has",
+                          0,
+                          {},
+                          "cut open along " + std::to_string(turned.cut.size()) + " edges"};
+    for (uint32_t h : turned.cut) note(one_sided, fromVertex(mesh_.triangles, h));
+    one_sided.count = turned.cut_pieces;
+    report(std::move(one_sided));
   }
 
-  bool splitSheets(EdgeCensus& census, Pieces& pieces) {
-    std::vector<bool> crowded(census.crowded.empty() ? 0 : mesh_.positions_mm.size());
+  // cut: a half-edge of each edge that was cut open.
+  bool splitSheets(EdgeCensus& census, Pieces& pieces, std::span<const uint32_t> cut) {
+    std::vector<bool> told(census.crowded.empty() && cut.empty() ? 0 : mesh_.positions_mm.size());
+    for (uint32_t h : cut) told[fromVertex(mesh_.triangles, h)] = told[toVertex(mesh_.triangles, h)] = true;
     MeshFinding edges{"non-manifold edges", 0, {}, "split into sheets"};
     for (size_t i = 0, begin = 0; i < census.crowded_end.size(); begin = census.crowded_end[i++]) {
       uint32_t a = fromVertex(mesh_.triangles, census.crowded[begin]),
                b = toVertex(mesh_.triangles, census.crowded[begin]);
-      crowded[a] = crowded[b] = true;
+      told[a] = told[b] = true;
       if (++edges.count <= kMaxPlaces) edges.places_mm.push_back(0.5 * (place(a) + place(b)));
     }
     report(std::move(edges));
@@ -267,7 +275,7 @@ class Repair {
     if (!splitFans(mesh_, census, split, interrupted_)) return false;
     MeshFinding vertices{"non-manifold vertices", 0, {}, "split, one for each fan of triangles"};
     for (uint32_t v : split)
-      if (crowded.empty() || (v < crowded.size() && !crowded[v])) note(vertices, v);
+      if (told.empty() || (v < told.size() && !told[v])) note(vertices, v);
     report(std::move(vertices));
     if (!census.crowded.empty()) pieces = findPieces(mesh_, census.mate, interrupted_);
     return true;

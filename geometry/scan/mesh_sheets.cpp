@@ -121,13 +121,14 @@ Turned findTurns(const TriMesh& mesh, const EdgeCensus& census, const std::atomi
   std::vector<bool>& turn = out.turn;
   turn.resize(triangles.size());
   std::vector<bool> contradicts, open;
+  auto fits = [&](uint32_t h, uint32_t m) { return (turn[m / 3] != turn[h / 3]) == runsAlike(triangles, h, m); };
   if (anyRunsAlike(triangles, census.mate, stop, workers)) {
     contradicts.resize(triangles.size());
     out.pieces = walk(
         triangles.size(), census.mate, stop,
         [&](uint32_t h, uint32_t m) { turn[m / 3] = turn[h / 3] != runsAlike(triangles, h, m); },
         [&](uint32_t h, uint32_t m) {
-          if ((turn[m / 3] != turn[h / 3]) != runsAlike(triangles, h, m)) contradicts[h / 3] = true;
+          if (!fits(h, m)) contradicts[h / 3] = true;
         });
   } else {
     out.pieces = findPieces(mesh, census.mate, stop);
@@ -148,9 +149,11 @@ Turned findTurns(const TriMesh& mesh, const EdgeCensus& census, const std::atomi
       }
     }
     if (contradiction) {
-      out.not_orientable.push_back(members[0]);
-      for (uint32_t t : members) turn[t] = false;
-      continue;
+      closed = false;
+      ++out.cut_pieces;
+      for (uint32_t t : members)
+        for (uint32_t h = 3 * t; h < 3 * t + 3; ++h)
+          if (const uint32_t m = census.mate[h]; m != kNoHalfEdge && h < m && !fits(h, m)) out.cut.push_back(h);
     }
     if (turned > 0) {
       const bool invert = turned > members.size() - turned;
@@ -176,8 +179,14 @@ Turned findTurns(const TriMesh& mesh, const EdgeCensus& census, const std::atomi
   return out;
 }
 
-void turnOver(TriMesh& mesh, EdgeCensus& census, const Turned& turned) {
-  if (!turned.complete || (turned.triangles.empty() && turned.inside_out.empty())) return;
+void turnOver(TriMesh& mesh, EdgeCensus& census, Turned& turned) {
+  if (!turned.complete) return;
+  for (uint32_t h : turned.cut) {
+    const uint32_t m = census.mate[h];
+    census.mate[h] = census.mate[m] = kNoHalfEdge;
+    census.open.insert(census.open.end(), {h, m});
+  }
+  if (turned.triangles.empty() && turned.inside_out.empty()) return;
   const std::vector<bool>& turn = turned.turn;
   // Corners 1 and 2 change places, and with them half-edges 0 and 2.
   auto renamed = [&](uint32_t h) { return turn[h / 3] && h % 3 != 1 ? h / 3 * 3 + 2 - h % 3 : h; };
@@ -191,6 +200,7 @@ void turnOver(TriMesh& mesh, EdgeCensus& census, const Turned& turned) {
     if (m != kNoHalfEdge) m = renamed(m);
   for (uint32_t& h : census.open) h = renamed(h);
   for (uint32_t& h : census.crowded) h = renamed(h);
+  for (uint32_t& h : turned.cut) h = renamed(h);
 }
 
 void pairCrowded(const TriMesh& mesh, EdgeCensus& census) {

@@ -30,19 +30,22 @@ struct Pieces {
 };
 
 // Which triangles to turn so that those of a piece run alike: as most of them do; closed pieces (crowded edges count as
-// closed) outwards, by their signed volume. Pieces for which there is no such way round stay as they are.
+// closed) outwards, by their signed volume. A piece with one side only, as a Moebius strip has, is to be cut open where
+// its triangles, met one after the other, come back to those met first on their other side.
 struct Turned {
   Pieces pieces;
-  std::vector<bool> turn;                // of each triangle
-  bool complete = false;                 // else interrupted
-  std::vector<uint32_t> triangles;       // turned against their piece
-  std::vector<uint32_t> inside_out;      // a triangle of each closed piece that was turned as a whole
-  std::vector<uint32_t> not_orientable;  // a triangle of each such piece
+  std::vector<bool> turn;            // of each triangle
+  bool complete = false;             // else interrupted
+  std::vector<uint32_t> triangles;   // turned against their piece
+  std::vector<uint32_t> inside_out;  // a triangle of each closed piece that was turned as a whole
+  std::vector<uint32_t> cut;         // a half-edge of each edge to cut. They form lines that end at borders, if at all
+  size_t cut_pieces = 0;
 };
 // Soon after *stop is set: a part of it, with which turnOver() leaves the mesh as it is.
 Turned findTurns(const TriMesh& mesh, const EdgeCensus& census, const std::atomic<bool>* stop = nullptr,
                  int workers = 1);
-void turnOver(TriMesh& mesh, EdgeCensus& census, const Turned& turned);
+// Turns and cuts. splitFans() then gives both sides of a cut their own vertices.
+void turnOver(TriMesh& mesh, EdgeCensus& census, Turned& turned);
 Pieces findPieces(const TriMesh& mesh, const std::vector<uint32_t>& mate, const std::atomic<bool>* stop = nullptr);
 
 // Pairs the half-edges of crowded edges, those only that run against each other. Where they alternate around the edge:

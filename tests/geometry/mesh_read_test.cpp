@@ -84,7 +84,6 @@ Seen seenByOpenMesh(const TriMesh& mesh) {
   for (size_t i = 0; i < piece.size(); ++i) seen.pieces += piece[i] == static_cast<int>(i);
   return seen;
 }
-// Holds for meshes whose pieces are orientable.
 void expectManifold(const LoadedMesh& loaded) {
   Seen seen = seenByOpenMesh(loaded.mesh);
   EXPECT_EQ(seen.refused, 0u);
@@ -850,16 +849,23 @@ Sample ring(int n, bool twisted) {
   return s;
 }
 
-TEST(MeshRepairs, AMoebiusStripStaysAsItIs) {
-  TriMesh m = toMesh(ring(40, true));
-  LoadedMesh r = mustRepair(m);
-  EXPECT_EQ(found(r.diagnosis, "pieces that are not orientable"), 1u);
-  EXPECT_EQ(defects(r.diagnosis), "pieces that are not orientable; ");
-  EXPECT_EQ(r.mesh.triangles, m.triangles);
-  EXPECT_EQ(r.mesh.positions_mm, m.positions_mm);
-  EXPECT_EQ(r.diagnosis.pieces, 1u);
-  EXPECT_EQ(r.diagnosis.border_loops, 1u);
-  // Control: a ring without the twist is orientable, and has two borders.
+constexpr const char* kOneSided = "pieces with one side only, as a Moebius strip has";
+
+TEST(MeshRepairs, AMoebiusStripIsCutOpen) {
+  for (const bool turned : {false, true}) {
+    TriMesh m = toMesh(ring(40, true));
+    if (turned)
+      for (size_t t = 0; t < m.triangles.size(); t += 3) std::swap(m.triangles[t][1], m.triangles[t][2]);
+    LoadedMesh r = mustRepair(m);
+    EXPECT_EQ(found(r.diagnosis, kOneSided), 1u);
+    EXPECT_EQ(defects(r.diagnosis), "flipped triangles; " + std::string(kOneSided) + "; ");
+    EXPECT_EQ(r.mesh.triangles.size(), m.triangles.size());
+    EXPECT_EQ(r.mesh.positions_mm.size(), m.positions_mm.size() + 2) << "across the strip, where it was cut";
+    EXPECT_EQ(r.diagnosis.pieces, 1u);
+    EXPECT_EQ(r.diagnosis.border_loops, 1u) << "of what can be laid flat";
+    expectManifold(r);
+  }
+  // Control: a ring without the twist stays as it is, and has two borders.
   LoadedMesh plain = mustRepair(toMesh(ring(40, false)));
   EXPECT_EQ(defects(plain.diagnosis), "");
   EXPECT_EQ(plain.diagnosis.border_loops, 2u);
@@ -1144,7 +1150,7 @@ TEST(MeshRepairs, RandomTrianglesBecomeSheets) {
     }
     ++meshes;
     EXPECT_EQ(triMeshProblem(r->mesh), "");
-    if (found(r->diagnosis, "pieces that are not orientable") == 0) expectManifold(*r);
+    expectManifold(*r);
     // Repaired is repaired: what is left is what is only reported. Vertices split in place would be welded again, so
     // copies are moved.
     for (size_t i = 0; i < r->mesh.positions_mm.size(); ++i)

@@ -114,7 +114,7 @@ std::vector<Scan> scans() {
                  0});
   all.push_back({"valence 3 corners", boxMesh(6, 40, 30, 20), "", {}, false, 0});
   all.push_back({"a corner of valence 20", cone(20), "", {}, false, 0});
-  all.push_back({"Moebius strip", moebiusMesh(), "one side only", {}, false, 0});
+  all.push_back({"Moebius strip, cut open", moebiusMesh(), "", {}, false, 0});
   all.push_back({"two touching pieces", touchingBoxes(), "", {}, false, 0});
   all.push_back({"open boundary", wavySheet(40, 0.2), "", {}, false, 0});
   return all;
