@@ -2,7 +2,9 @@
 // evaluated under the light (CPU reference: src/artwork/basis.h). TAILS_ONLY: no page is looked up. PLANES: texture
 // planes read. SHADING: of shading.h. Of a linear basis (shadingDefines() of src/render/picture_target.h) COEFFICIENTS
 // is how many there are; TERMS is TERM(plane, channel, coefficient, colour) for each channel that holds one; COLOUR, of
-// a luminance, is CHANNEL(plane, channel) of red, green and blue. LIGHTS, LIGHT_FILES: lights.glsl shades.
+// a luminance, is CHANNEL(plane, channel) of red, green and blue. LIGHTS, LIGHT_FILES: lights.glsl shades; SHADING_FILES:
+// relief_shading.glsl does. NO_PAGES: there is no plane to read (PLANES is 1). NORMALS_OUT: of a scan the
+// filtered normal is written.
 #include "shading.h"
 #include "texture_lookup.glsl"
 
@@ -16,7 +18,11 @@ uniform vec3 u_fade;             // frame time as in PageTableEntry::birth; 1 / 
 uniform sampler2D u_light_share;  // of each pixel (shadow.frag): one, or with LIGHTS one a component
 #endif
 
+#ifdef NORMALS_OUT
+out uvec4 o_normal;  // floats as bits
+#else
 out vec4 o_colour;
+#endif
 
 int slotOfPlane(int plane, uvec4 entry, uvec4 extra) {
   int beyond = plane - RV_PLANES_IN_ENTRY;
@@ -275,7 +281,10 @@ vec3 underLight(vec3 channels[PLANES], vec3 light, float share) {
 #endif
 
 #include LIGHT_FILES
-#ifndef LIGHTS
+#ifndef NORMALS_OUT
+#include SHADING_FILES
+#endif
+#if !defined(LIGHTS) && !defined(SHADING_FILES)
 vec3 shade(vec3 channels[PLANES]) {
 #if SHADING == RV_SHADING_COLOUR
   return channels[0];
@@ -319,6 +328,10 @@ vec2 pixelIn(int level, float lod) { return vec2(exp2(lod) / (float(kPagePx) * p
 void main() {
   loadSurface(ivec2(gl_FragCoord.xy));
   vec3 channels[PLANES];
+#ifdef NO_PAGES
+  int fine = 0, found = -1;
+  channels[0] = vec3(0.0);
+#else
 #ifdef ANISOTROPY
   Footprint footprint;
   float lod = virtualTextureLod(footprint);
@@ -365,6 +378,10 @@ void main() {
   if (share == 1.0) found = -1;
   for (int k = 0; k < PLANES; ++k) channels[k] += (g_tail[k] - channels[k]) * share;
 #endif
+#endif
+#ifdef NORMALS_OUT
+  o_normal = uvec4(floatBitsToUint(channels[0] / kNormalUnit - 1.0), 0u);
+#else
   vec3 colour = shade(channels) / 255.0;
 #if defined(SHADOWS) && SHADING != RV_SHADING_ALBEDO_NORMAL && !defined(LIGHTS)
   colour *= shadeOf(texelFetch(u_light_share, ivec2(gl_FragCoord.xy), 0).r);
@@ -380,4 +397,5 @@ void main() {
   OVERLAY_EFFECT
 #endif
   o_colour = vec4(colour, 1.0);
+#endif
 }

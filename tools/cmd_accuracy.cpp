@@ -222,6 +222,9 @@ void addAccuracyCommand(CLI::App& app, CommandContext& context) {
       if (!scene->lights.empty() && c->count("--light") == 0)
         return context.fail(usageError("accuracy is measured under one white light, and the scene has others",
                                        "give one in their place with --light"));
+      if (scene->shading.isOn())
+        return context.fail(usageError("accuracy is measured of colour and light, and the scene has a shading",
+                                       "leave out its \"shading\""));
       if (scene->light && c->count("--light") == 0) o->light = tripleText(*scene->light);
     }
     if (auto done = accuracy(*o); !done) context.fail(done.error());

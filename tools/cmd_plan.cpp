@@ -42,6 +42,7 @@ struct ScenePlan {
   std::vector<CostedPart> parts;
   std::optional<double> frame_ms;  // of a moving camera, at the size
   std::string renderer;
+  std::string shading;              // its scale; empty: there is none
   std::vector<std::string> lights;  // those that are evaluated for each pixel; none: one white light, or none
 };
 
@@ -106,6 +107,7 @@ void print(const PlanOptions& o, const ScenePlan& plan, std::pair<int, int> size
   const PlannedScene& whole = plan.whole;
   printOutf("%s, %d x %d px\n", o.file.c_str(), size.first, size.second);
   for (const std::string& light : plan.lights) printOutf("  light     %s\n", light.c_str());
+  if (!plan.shading.empty()) printOutf("  shading   %s\n", plan.shading.c_str());
   printOutf("  passes    %s\n", joined(whole.passes, ", ").c_str());
   for (const PlannedPlane& p : whole.planes)
     printOutf("  plane     %-10s %7.1f KiB a page in the package, %5.1f KiB on the GPU\n", p.name.c_str(),
@@ -143,6 +145,7 @@ std::string planJson(const PlanOptions& o, const ScenePlan& plan, std::pair<int,
   json["frame_ms"] = plan.frame_ms ? nlohmann::ordered_json(*plan.frame_ms) : nlohmann::ordered_json();
   json["renderer"] = plan.renderer;
   json["lights"] = plan.lights;
+  json["shading"] = plan.shading;
   json["parts"] = nlohmann::ordered_json::array();
   for (const CostedPart& c : plan.parts) {
     nlohmann::ordered_json part = {{"name", c.part.name}, {"meaning", c.part.meaning}};
@@ -171,10 +174,11 @@ Result<void> plan(PlanOptions& o) {
   const Manifest& manifest = artwork->package->manifest();
   if (const std::string problem = sceneProblem(*scene, manifest); !problem.empty())
     return Error{ErrorKind::kUsage, o.file, problem, "", {}};
-  ScenePlan plan{*scene, {}, {}, {}, {}, {}};
+  ScenePlan plan{*scene, {}, {}, {}, {}, {}, {}};
   auto whole = planScene(*scene, *artwork->package);
   if (!whole) return whole.error();
   plan.whole = std::move(*whole);
+  if (scene->shading.isOn()) plan.shading = shadingText(scene->shading, manifest);
   if (plan.whole.plan.lights > 0)
     for (const SceneLight& light : shadedLights(scene->lights)) {
       const char* shadows = !plan.whole.plan.shadows ? "" : light.near ? ", no shadows" : ", shadows";

@@ -166,7 +166,7 @@ Result<void> render(RenderOptions& o) {
                                 camera.orthographic && extent.size_known ? mmPerPx(camera, height) : 0);
       !written)
     return written;
-  if (!(o.scene.light.empty() && scene->lights.empty()) && !scene->unlit && !e.plan().lit())
+  if (!(o.scene.light.empty() && scene->lights.empty()) && !scene->unlit && !scene->shading.isOn() && !e.plan().lit())
     warn(std::string(scene->lights.empty() ? "--light changes" : "lights change") + " nothing: an image " +
          (package->manifest().domain.relief_depth < 0 ? "without a height map" : "without its relief") +
          " is shown unlit");

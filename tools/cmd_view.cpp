@@ -43,6 +43,7 @@ std::string snapshotScene(const ViewOptions& o, const OrbitCamera& camera, const
               std::array{target.x, target.y, target.z}};
   if (shown.lights.empty()) s.light = shown.light;
   else s.lights = shown.lights;
+  s.shading = shown.shading;
   if (shown.wireframe) s.wireframe = true;
   if (shown.overlay) s.show = std::string(shown.overlay->name);
   s.settings.least_cell = shown.least_cell;

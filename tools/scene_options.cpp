@@ -187,6 +187,10 @@ void SceneOptions::addAppearance(CLI::App& c) {
   c.option_defaults()->group("Appearance");
   c.add_option("--exaggerate", exaggerate, "Multiply heights by this")->capture_default_str();
   c.add_flag("--no-relief", no_relief, "Flat geometry: no relief page is read");
+  c.add_option("--shading", shading,
+               "The relief in the place of colour and light: slope, curvature (ridges light, valleys dark), depth or "
+               "none; or in JSON, as a scene's \"shading\" has it, with the scale. --stats and relievo plan say which "
+               "value is which colour. Example: '{\"kind\":\"curvature\",\"radius_mm\":0.4}' [none]");
   c.add_option("--page-fade", page_fade_ms, "Blend new pages in over this time, ms; 0 is off")
       ->check(CLI::Range(0.0, 60000.0))
       ->capture_default_str();
@@ -312,6 +316,7 @@ Result<std::optional<SceneFile>> SceneOptions::takeScene(std::string& file, std:
     if (s.light) light = tripleText(*s.light);
     scene_lights = s.lights;
   }
+  if (shading.empty()) scene_shading = s.shading;
   const auto takeFlag = [&](const char* option, const std::optional<bool>& from, bool& to) {
     if (from && !given(option)) to = *from;
   };
@@ -381,6 +386,12 @@ Result<Scene> SceneOptions::scene() const {
     s.lights = std::move(*parsed);
   }
   if (!s.lights.empty()) s.light = singleLight(s);
+  s.shading = scene_shading;
+  if (!shading.empty() && shading != "none") {
+    auto parsed = parseShading(shading);
+    if (!parsed) return usageError("--shading: " + parsed.error().message, parsed.error().hint);
+    s.shading = *parsed;
+  }
   if (s.light[0] == 0 && s.light[1] == 0 && s.light[2] == 0)
     return usageError("the light's direction is zero", "for example --light -0.7,0.4,0.6");
   if (!std::isfinite(exaggerate) || std::abs(exaggerate) > 1e4)

@@ -20,8 +20,8 @@ namespace relievo {
 struct SceneOptions {
   std::optional<double> azimuth, elevation, distance, fov, mm_per_px;
   bool orthographic = false, perspective = false;  // neither: the state's
-  std::string scene_file, target, light, lights, state_file, settings_file, show = "none", filter = "exact",
-                                                                            sampling = "trilinear";
+  std::string scene_file, target, light, lights, state_file, settings_file, shading, show = "none", filter = "exact",
+                                                                                     sampling = "trilinear";
   bool no_relief = false, no_relight = false, unlit = false, wireframe = false, shadows = false;
   double exaggerate = 1, error_px = 1, least_cell = 2, detail_bias = 0, page_fade_ms = 0, cache_mib = 256;
   // For what moves; a picture alone is better off without: fewer triangles, and no memory of other views.
@@ -33,6 +33,7 @@ struct SceneOptions {
   int feedback_scale = 8, feedback_interval = 1;
   std::string upload = "auto", depth = "auto";
   bool prefetch = true;
+  ReliefShading scene_shading;           // of the scene's file, where --shading does not say otherwise
   std::vector<SceneLight> scene_lights;  // of the scene's file, where neither --light nor --lights says otherwise
   std::vector<EffectSetting> effects;    // all that have parameters, on or off
 

@@ -13,11 +13,15 @@ EffectPlan planEffects(const Scene& scene, const Manifest& manifest) {
   EffectPlan plan;
   plan.relief = scene.relief && manifest.domain.relief_depth >= 0 && scene.exaggerate != 0;
   plan.mesh = !manifest.domain.isFlat();
-  if (manifest.texture.basis == Basis::kColour && plan.relief && !plan.mesh && !scene.unlit)
+  if (shadingProblem(scene.shading, manifest).empty()) plan.shading = scene.shading.kind;
+  const bool shaded = plan.shading != ReliefShading::Kind::kNone;
+  if (plan.shading == ReliefShading::Kind::kCurvature && !plan.mesh)
+    plan.curvature_radius_mm = curvatureRadius(scene.shading, manifest);
+  if (!shaded && manifest.texture.basis == Basis::kColour && plan.relief && !plan.mesh && !scene.unlit)
     plan.normals_exaggerate = scene.exaggerate;
   plan.stored = manifest.texture.basis;
   const TextureFormat format = plan.format(manifest);
-  const bool lit = format.basis != Basis::kColour && !scene.unlit;
+  const bool lit = !shaded && format.basis != Basis::kColour && !scene.unlit;
   if (lit) {
     const std::vector<SceneLight> lights = shadedLights(scene.lights);
     plan.lights = static_cast<int>(lights.size());
@@ -26,17 +30,21 @@ EffectPlan planEffects(const Scene& scene, const Manifest& manifest) {
   plan.relight = lit && (scene.relight || plan.lights > 0);
   plan.resolve = lit && !plan.relight;
   plan.shade = plan.relight ? format.basis : Basis::kColour;
-  if (plan.resolve) {
+  if (shaded) {
+    if (!plan.placesAlone()) plan.texture_planes = {kNormalPlane};
+  } else if (plan.resolve) {
     plan.texture_planes = {Plane::kResolved};
   } else {
     const int planes = lit ? format.planes() : TextureFormat{}.planes();  // unlit: the colour alone
     for (int k = 0; k < planes; ++k) plan.texture_planes.push_back(texturePlane(k));
   }
   plan.geomorph = scene.geomorph && (plan.mesh || plan.relief);
-  plan.sampling = scene.sampling;
-  if (scene.sampling == Sampling::kAnisotropic) plan.anisotropy = std::clamp(scene.anisotropy, 1, kMaxAnisotropy);
-  plan.fade = scene.page_fade_s > 0;
-  plan.filter = scene.filter;
+  // Without pages nothing is sampled: one variant serves all of these settings.
+  plan.sampling = plan.readsTexture() ? scene.sampling : Sampling::kBilinear;
+  if (plan.sampling == Sampling::kAnisotropic) plan.anisotropy = std::clamp(scene.anisotropy, 1, kMaxAnisotropy);
+  plan.fade = scene.page_fade_s > 0 && plan.readsTexture();
+  // The texture unit's weights of 8 bits are too coarse for numbers of 16.
+  plan.filter = plan.madeOfRelief() || !plan.readsTexture() ? Filter::kExact : scene.filter;
   plan.wireframe = scene.wireframe;
   plan.samples = static_cast<int>(samplePattern(scene.samples).size());
   plan.shadows = scene.shadows && plan.relief && plan.lit() && (plan.lights == 0 || plan.lights > plan.near_lights);
@@ -48,6 +56,7 @@ EffectPlan planEffects(const Scene& scene, const Manifest& manifest) {
 }
 
 TextureFormat EffectPlan::format(const Manifest& manifest) const {
+  if (madeOfRelief()) return {};
   TextureFormat format = manifest.texture;
   if (normals_exaggerate != 0) format.basis = Basis::kAlbedoNormal;
   return format;
@@ -56,6 +65,7 @@ TextureFormat EffectPlan::format(const Manifest& manifest) const {
 std::string sceneProblem(const Scene& scene, const Manifest& manifest) {
   const BasisDescription& basis = describe(manifest.texture.basis);
   const std::string title(basis.title);
+  if (scene.shading.isOn()) return shadingProblem(scene.shading, manifest);
   if (scene.unlit) return basis.coefficients > 0 ? title + " has no colour without a light" : "";
   if (scene.lights.size() > kMaxLights)
     return "a scene has at most " + std::to_string(kMaxLights) + " lights, found " +
@@ -72,7 +82,9 @@ std::string sceneProblem(const Scene& scene, const Manifest& manifest) {
 
 gl::Defines EffectPlan::defines() const {
   gl::Defines d;
-  d.emplace_back("PLANES", std::to_string(texture_planes.size()));
+  // GLSL has no arrays of no elements.
+  d.emplace_back("PLANES", std::to_string(std::max<size_t>(texture_planes.size(), 1)));
+  if (!readsTexture()) d.emplace_back("NO_PAGES", "1");
   for (auto& define : shadingDefines(shade)) d.push_back(std::move(define));
   if (mesh) d.emplace_back("MESH", "1");
   if (relief) d.emplace_back("RELIEF", "1");
@@ -86,6 +98,12 @@ gl::Defines EffectPlan::defines() const {
     d.emplace_back("LIGHTS", std::to_string(lights));
     d.emplace_back("LIGHT_FILES", "\"lights.glsl\"");
   }
+  if (shading != ReliefShading::Kind::kNone) {
+    static constexpr std::array kNames{"", "SHADING_SLOPE", "SHADING_CURVATURE", "SHADING_DEPTH"};
+    d.emplace_back(kNames[static_cast<size_t>(shading)], "1");
+    if (drawsNormals()) d.emplace_back("CURVATURE_FILES", "\"scan_curvature.glsl\"");
+    d.emplace_back("SHADING_FILES", "\"relief_shading.glsl\"");
+  }
   if (near_lights > 0) {
     d.emplace_back("NEAR_LIGHTS", std::to_string(near_lights));
     if (const std::string_view file = describe(shade).functions_file; !file.empty())
@@ -97,10 +115,12 @@ gl::Defines EffectPlan::defines() const {
 }
 
 std::vector<std::string> EffectPlan::passes() const {
-  std::vector<std::string> names{"surface", "shade", "feedback"};
+  std::vector<std::string> names{"surface", "shade"};
+  if (readsTexture()) names.emplace_back("feedback");
   if (samples > 1) names.insert(names.begin() + 2, "average");
   if (wireframe) names.insert(names.begin() + 2, "wireframe");
-  if (near_lights > 0) names.insert(names.begin() + 1, "kept depth");
+  if (drawsNormals()) names.insert(names.begin() + 1, "normals");
+  if (keepsDepth()) names.insert(names.begin() + 1, "kept depth");
   if (shadows) names.insert(names.begin() + 1, {"shadow map", "shadow"});
   return names;
 }
@@ -112,19 +132,25 @@ std::string planeName(Plane plane, Basis basis) {
   return textureName(basis, texturePlaneIndex(plane));
 }
 
+std::string EffectPlan::nameOf(Plane plane) const {
+  if (madeOfRelief() && plane == kNormalPlane) return std::string(shadingName(shading));
+  return planeName(plane, stored);
+}
+
 std::vector<std::string> EffectPlan::planesRead() const {
   std::vector<std::string> names;
   for (Plane p : texture_planes) {
-    if (normals_exaggerate != 0 && p == kNormalPlane) continue;  // made of the relief
+    if ((normals_exaggerate != 0 || madeOfRelief()) && p == kNormalPlane) continue;  // made of the relief
     names.push_back(planeName(p, stored));
   }
-  if (relief) names.push_back("relief");
+  if (relief || madeOfRelief()) names.push_back("relief");
   return names;
 }
 
 bool EffectPlan::samePages(const EffectPlan& other) const {
   return texture_planes == other.texture_planes && relief == other.relief && resolve == other.resolve &&
-         normals_exaggerate == other.normals_exaggerate;
+         normals_exaggerate == other.normals_exaggerate && madeOfRelief() == other.madeOfRelief() &&
+         (!madeOfRelief() || (shading == other.shading && curvature_radius_mm == other.curvature_radius_mm));
 }
 
 std::array<double, 3> singleLight(const Scene& scene) {

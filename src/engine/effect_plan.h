@@ -9,6 +9,7 @@
 
 #include "src/engine/effects/lights.h"
 #include "src/engine/effects/pixel_effect.h"
+#include "src/engine/effects/relief_shading.h"
 #include "src/gl/program.h"
 #include "texturing/codec/page_id.h"
 #include "texturing/package/package.h"
@@ -42,6 +43,9 @@ struct Scene {
   // The relief casts shadows on itself, where it is displaced and lit, in each light that is far away: near lights cast
   // none. Over a PTM they are simulated beside those that were measured.
   bool shadows = false;
+  // The relief's slope, curvature or depth, in the place of colour and light (effects/relief_shading.h): there is no
+  // light then, and `unlit` changes nothing.
+  ReliefShading shading;
   Sampling sampling = Sampling::kTrilinear;
   int anisotropy = kMaxAnisotropy;  // taps at most, 1 .. kMaxAnisotropy; read by kAnisotropic only
   Filter filter = Filter::kExact;
@@ -80,7 +84,11 @@ struct EffectPlan {
   // If not 0, colour is lit by the normals of its relief, with heights times this (texturing/stream/relief_normals.h).
   // The normals are one more plane that is uploaded.
   double normals_exaggerate = 0;
-  bool resolve = false;  // coefficient pages are resolved to colour under a fixed light, on the workers
+  // Of a flat artwork its pages are made of the relief, and are the only ones of a texture plane (kNormalPlane); of a
+  // scan kSlope and kCurvature take the stored normals alone, and kDepth no page.
+  ReliefShading::Kind shading = ReliefShading::Kind::kNone;
+  double curvature_radius_mm = 0;  // of kCurvature, of a flat artwork
+  bool resolve = false;            // coefficient pages are resolved to colour under a fixed light, on the workers
   Sampling sampling = Sampling::kTrilinear;
   int anisotropy = 1;
   bool fade = false, wireframe = false, shadows = false;
@@ -89,15 +97,23 @@ struct EffectPlan {
   std::vector<const PixelEffect*> tones;  // the effects that change something, in the registry's order
   const PixelEffect* overlay = nullptr;
 
+  bool madeOfRelief() const { return shading != ReliefShading::Kind::kNone && !mesh; }  // the one texture plane
+  // The shading needs a copy of the surface's depth: each pixel's place.
+  bool keepsDepth() const { return near_lights > 0 || drawsNormals() || placesAlone(); }
+  bool drawsNormals() const { return mesh && shading == ReliefShading::Kind::kCurvature; }  // before it shades
+  bool placesAlone() const { return mesh && shading == ReliefShading::Kind::kDepth; }       // no page of a texture
   bool lit() const { return relight || resolve; }  // does the light change the picture?
-  // The format of the planes that are uploaded or resolved: the manifest's, or colour with the normals of its relief.
+  // The format of the planes that are uploaded or resolved: the manifest's, colour with the normals of its relief, or
+  // one plane of three channels that is made of the relief.
   TextureFormat format(const Manifest& manifest) const;
-  gl::Defines defines() const;              // for every program
-  std::vector<std::string> passes() const;  // names, in order
+  gl::Defines defines() const;                                   // for every program
+  std::vector<std::string> passes() const;                       // names, in order
+  bool readsTexture() const { return !texture_planes.empty(); }  // else there is no page to ask for
   // How many feedback passes over every pixel it takes until a still view has requested every node that it reads:
   // anisotropic taps reach into other nodes.
   int feedbackPhases() const { return anisotropy > 1 ? 7 : 1; }
   std::vector<std::string> planesRead() const;  // names of the stored planes that are read
+  std::string nameOf(Plane plane) const;        // of a plane that is read or made
   // False: to change from one plan to the other needs other pages, not only another shader.
   bool samePages(const EffectPlan& other) const;
   friend bool operator==(const EffectPlan&, const EffectPlan&) = default;

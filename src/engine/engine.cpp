@@ -26,6 +26,7 @@
 #include "src/render/block_formats.h"
 #include "src/render/depth_probe.h"
 #include "src/render/kept_depth.h"
+#include "src/render/normals_target.h"
 #include "src/render/page_pool.h"
 #include "src/render/patch_pass.h"
 #include "src/render/picture_target.h"
@@ -44,6 +45,7 @@ constexpr int kMaxReads = 64;      // over a link of 20 MB/s and 50 ms latency 6
 constexpr int kCornersUnit = 6;    // and two more: texture units of the base mesh
 constexpr int kShadowUnit = 14;    // of the shares of light
 constexpr int kKeptDepthUnit = 6;  // shading programs have no base mesh
+constexpr int kNormalsUnit = 7;
 constexpr uint32_t kReadyLimit =
     256;  // decoded pages that may wait: those of a first view, so that they come while its surface is drawn
 
@@ -86,6 +88,7 @@ struct Engine::Impl {
   SurfaceTarget surface{{}};
   std::unique_ptr<KeptDepth> kept_depth;  // while the plan has near lights
   DrawnSurface kept_depth_of;
+  std::unique_ptr<NormalsTarget> normals;   // while the plan draws normals
   std::unique_ptr<ShadowPass> shadow_pass;  // while the plan has shadows
   struct ShadowsOf {
     DrawnSurface surface;  // of the map: through the pixels' centres, whichever sample is drawn
@@ -193,7 +196,10 @@ struct Engine::Impl {
   void setTailTexels(const EffectPlan& of, const std::array<double, 3>& light) {
     if (!tails) return;
     const TextureFormat& format = artwork.manifest.texture;
-    if (of.resolve) tail_textures->setTexels(resolvedTails(*tails, format, light), *artwork.manifest.base);
+    if (!of.readsTexture()) return;
+    if (of.shading != ReliefShading::Kind::kNone)
+      tail_textures->setTexels(planeOfTails(*tails, texturePlaneIndex(kNormalPlane)), *artwork.manifest.base);
+    else if (of.resolve) tail_textures->setTexels(resolvedTails(*tails, format, light), *artwork.manifest.base);
     else if (!of.lit() && format.planes() > 1)
       tail_textures->setTexels(resolvedTails(*tails, {}, light), *artwork.manifest.base);  // the colour alone
     else tail_textures->setTexels(*tails, *artwork.manifest.base, hasNormals(format));
@@ -201,7 +207,8 @@ struct Engine::Impl {
 
   // What the plan's pages need. Pages that are resolved, or made, are RGBA8.
   CacheNeeds cacheNeeds(const EffectPlan& of) const {
-    CacheNeeds needs{.upload = of.resolve || of.normals_exaggerate != 0 ? PageCodec::kLossless : upload.codec,
+    const bool made = of.resolve || of.normals_exaggerate != 0 || of.madeOfRelief();
+    CacheNeeds needs{.upload = made ? PageCodec::kLossless : upload.codec,
                      .texture_planes = static_cast<int>(of.texture_planes.size()),
                      .relief = of.relief,
                      .roots = pinned_nodes,
@@ -217,6 +224,7 @@ struct Engine::Impl {
   std::string whyNotBlocks() const {
     if (isBlockCodec(upload.codec) && plan.normals_exaggerate != 0)
       return "the normals beside them are made of the relief (--unlit needs none)";
+    if (isBlockCodec(upload.codec) && plan.madeOfRelief()) return "pages of --shading are made of the relief";
     return upload.why_not_blocks;
   }
   uint64_t cacheBudget() const { return static_cast<uint64_t>(options.cache_mib * 1024 * 1024) - stats.tail_bytes; }
@@ -224,17 +232,19 @@ struct Engine::Impl {
   ShadingPrograms::Variant programVariant() const {
     return {.defines = defines(),
             .tails = tails.has_value(),
-            .feedback = demand->usesFeedback(),
+            .feedback = demand->usesFeedback() && plan.readsTexture(),
             .wireframe = plan.wireframe,
             .shadows = plan.shadows,
             .average = plan.samples > 1,
+            .normals = plan.drawsNormals(),
             .faults = faults};
   }
   Result<void> linkPrograms() {
     surface_drawn = kept_depth_of = {};
     shadow_maps_drawn = shadows_drawn = {};
     if (!plan.shadows) shadow_pass.reset();
-    if (plan.near_lights == 0) kept_depth.reset();
+    if (!plan.keepsDepth()) kept_depth.reset();
+    if (!plan.drawsNormals()) normals.reset();
     sampled.reset();
     if (plan.samples == 1) stack.reset();
     else if (!stack || stack->samples() != plan.samples) stack = std::make_unique<SampleStack>(plan.samples);
@@ -270,6 +280,7 @@ struct Engine::Impl {
     so.texture_planes = for_plan.texture_planes;
     so.format = for_plan.format(artwork.manifest);
     if (for_plan.normals_exaggerate != 0) so.normals_of = ReliefSurface{domain().flat(), for_plan.normals_exaggerate};
+    if (for_plan.madeOfRelief()) so.normals_of = shadedSurface(for_scene.shading, artwork.manifest);
     starting_plan = for_plan;
     starting_light = singleLight(for_scene);
     so.light = starting_light;
@@ -493,33 +504,48 @@ struct Engine::Impl {
     surface.bind(program, 4);
   }
 
-  // After updateSurface(): near lights need each pixel's place.
+  // After updateSurface(): near lights, and depth and curvature of a scan, need each pixel's place.
   void keepDepth() {
-    if (plan.near_lights == 0 || (kept_depth && kept_depth_of == surface_drawn)) return;
+    if (!plan.keepsDepth() || (kept_depth && kept_depth_of == surface_drawn)) return;
     if (!kept_depth) kept_depth = std::make_unique<KeptDepth>();
     kept_depth->take(surface);
     kept_depth_of = surface_drawn;
   }
-  // For the shading program in use.
+  // Lights, or what is shown in their place; for the shading program in use.
   void setLights(const gl::Program& program) const {
-    if (plan.lights == 0) return;
+    const bool shaded = plan.shading != ReliefShading::Kind::kNone;
+    if (plan.lights == 0 && !shaded) return;
     const glm::dvec3& eye_mm = drawn.view.eye_mm;
     const glm::dmat4 eye_from_pixel =
         glm::inverse(glm::translate(sampleView().clip_from_world, eye_mm)) * clipFromPixel(surface.depthMode());
-    setNamedUniforms(program,
-                     lightUniforms(lightsInSpace(drawn.view), plan.format(artwork.manifest), eye_mm, eye_from_pixel));
+    setNamedUniforms(program, shaded ? shadingUniforms(scene.shading, artwork.manifest, eye_mm, eye_from_pixel,
+                                                       surface.depthMode().farPlane())
+                                     : lightUniforms(lightsInSpace(drawn.view), plan.format(artwork.manifest), eye_mm,
+                                                     eye_from_pixel));
     if (kept_depth) kept_depth->bind(program, kKeptDepthUnit);
+    if (normals) normals->bind(program, kNormalsUnit);
   }
 
   void shadeSurface(double now_s) {
     target_is_average = false;
     updateShadows();
     keepDepth();
-    target.begin();
     // Where no pixel asks for a page, or there is none, nothing is looked up: the same picture, for half the cost.
     // But with anisotropy, a patch that has no page shows its tail along the pixel's footprint.
     const bool no_look_up = demand->requests().empty() || shownTable().size() == 0;
     const bool only_tails = no_look_up && !(plan.anisotropy > 1 && domain().hasUntexturedPatch());
+    if (plan.drawsNormals()) {
+      if (!normals) normals = std::make_unique<NormalsTarget>();
+      normals->begin(surface);
+      const gl::Program& drawing = tails && only_tails ? programs.normals_tails : programs.normals;
+      drawing.use();
+      pool->bind(drawing, shownTable());
+      bindSurface(drawing);
+      setUniforms(drawing, now_s);
+      screen->draw(true);
+      ++stats.draw_calls;
+    }
+    target.begin();
     const gl::Program& program = tails && only_tails ? programs.tails : programs.shade;
     program.use();
     pool->bind(program, shownTable());
@@ -609,6 +635,7 @@ struct Engine::Impl {
   void takeFullFeedback() {
     expectPages();
     updateSurface();
+    if (!plan.readsTexture()) return;
     const uint32_t picture_calls = stats.draw_calls;
     demand->takeAll(demandView(), plan.feedbackPhases(), feedbackDrawing());
     stats.draw_calls = picture_calls;
@@ -696,7 +723,7 @@ struct Engine::Impl {
     updateSurface();  // a still camera: light, new pages and fades change the shading only
     // Before the shading, whose depth buffer the feedback reads: software GL waits for every pass that has a texture
     // for its target which is read.
-    if (demand->usesFeedback() && frame % static_cast<uint64_t>(options.feedback_interval) == 0)
+    if (demand->usesFeedback() && plan.readsTexture() && frame % static_cast<uint64_t>(options.feedback_interval) == 0)
       demand->step(demandView(), plan.feedbackPhases(), feedbackDrawing());
     if (sampled && *sampled != demandView()) sampled.reset();
     if (!showsAverage()) shadeSurface(now_s);
@@ -777,8 +804,12 @@ Result<std::unique_ptr<Engine>> Engine::create(Artwork artwork, const Scene& sce
     fixed_scene.lights.clear();
     fixed = planEffects(fixed_scene, manifest);
   }
+  // Without --shading later there are other planes, too.
+  Scene unshaded = scene;
+  unshaded.shading = {};
   const uint64_t least = impl->stats.tail_bytes +
-                         std::max(minCacheBytes(impl->cacheNeeds(impl->plan)), minCacheBytes(impl->cacheNeeds(fixed)));
+                         std::max({minCacheBytes(impl->cacheNeeds(impl->plan)), minCacheBytes(impl->cacheNeeds(fixed)),
+                                   minCacheBytes(impl->cacheNeeds(planEffects(unshaded, manifest)))});
   if (options.cache_mib * 1024 * 1024 < static_cast<double>(least)) {
     return Error{ErrorKind::kUsage,
                  "",
@@ -860,6 +891,7 @@ Result<void> Engine::setScene(const Scene& scene) {
     now.lights = e.scene.lights;
     now.unlit = e.scene.unlit;
     now.exaggerate = e.scene.exaggerate;
+    now.shading = e.scene.shading;
   }
   e.scene = now;
   e.plan = planEffects(now, e.artwork.manifest);
@@ -1020,6 +1052,7 @@ EngineStats Engine::stats() const {
   s.texture_bytes = e.pool->textureBytes();
   s.detail_bias = e.lod_bias;
   s.samples = e.showsAverage() ? e.samples_in : 1;
+  s.shading = e.scene.shading;
   s.switching = e.pending_scene.has_value();
   s.passes = e.plan.passes();
   if (!e.demand->usesFeedback()) std::erase(s.passes, "feedback");

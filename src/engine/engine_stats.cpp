@@ -7,12 +7,33 @@
 #include "src/render/depth.h"
 
 namespace relievo {
+namespace {
+
+// Which value is which colour.
+nlohmann::ordered_json legendJson(const ReliefShading& shading, const Manifest& manifest) {
+  const ShadingScale scale = scaleOf(shading, manifest);
+  nlohmann::ordered_json legend = {{"kind", shadingName(shading.kind)}, {"unit", scale.unit}};
+  if (shading.kind == ReliefShading::Kind::kCurvature) legend["radius"] = curvatureRadius(shading, manifest);
+  for (size_t k = 0; k < kShadingStops; ++k) {
+    const glm::dvec3 bytes = glm::round(255.0 * scale.colours[k]);
+    const double share = static_cast<double>(k) / (kShadingStops - 1);
+    legend["stops"].push_back(
+        {{"value", scale.from + (scale.to - scale.from) * share},
+         {"rgb", {static_cast<int>(bytes.x), static_cast<int>(bytes.y), static_cast<int>(bytes.z)}}});
+  }
+  return legend;
+}
+
+}  // namespace
 
 std::string engineStatsJson(const EngineStats& s, const Manifest& manifest) {
   nlohmann::ordered_json planes = nlohmann::ordered_json::object();
   for (size_t p = 0; p < s.streamer.pages_read.size(); ++p) {
     if (s.streamer.pages_read[p] == 0 && s.streamer.pages_uploaded[p] == 0) continue;
-    auto& plane = planes[planeName(static_cast<Plane>(p), manifest.texture.basis)];
+    // What is made of a flat artwork's relief takes a texture plane's place.
+    const bool made = s.shading.isOn() && manifest.domain.isFlat() && static_cast<Plane>(p) == kNormalPlane;
+    auto& plane = planes[made ? std::string(shadingName(s.shading.kind))
+                              : planeName(static_cast<Plane>(p), manifest.texture.basis)];
     plane = {{"pages_read", s.streamer.pages_read[p]},         {"bytes_read", s.streamer.bytes_read[p]},
              {"pages_decoded", s.streamer.pages_decoded[p]},   {"bytes_decoded", s.streamer.bytes_decoded[p]},
              {"pages_uploaded", s.streamer.pages_uploaded[p]}, {"bytes_uploaded", s.streamer.bytes_uploaded[p]}};
@@ -70,6 +91,7 @@ std::string engineStatsJson(const EngineStats& s, const Manifest& manifest) {
       {"lod_lag_frames", latencyJson(s.lod_lag_frames)},
       {"determine_ms", s.determine_ms},
   };
+  if (s.shading.isOn()) j["shading"] = legendJson(s.shading, manifest);
   if (!s.why_not_blocks.empty()) j["why_not_blocks"] = s.why_not_blocks;
   return j.dump(2);
 }

@@ -6,6 +6,7 @@
 #include <vector>
 
 #include "src/base/latency.h"
+#include "src/engine/effects/relief_shading.h"
 #include "texturing/package/package.h"
 #include "texturing/stream/page_streamer.h"
 
@@ -38,6 +39,7 @@ struct EngineStats {
   bool orthographic = false;    // the camera
   bool size_known = true;       // else mm_per_px counts the artwork's pixels
   double mm_per_px = 0;         // orthographic: everywhere in the picture; else on the plane through the target
+  ReliefShading shading;        // of the scene
   std::vector<std::string> passes, planes_read;
 };
 

@@ -31,14 +31,22 @@ Result<void> ShadingPrograms::link(gl::Api api, const Variant& variant) {
   gl::Defines defines = variant.defines;
   addVertexFaults(variant.faults, defines);
   addLookupFaults(variant.faults, defines);
-  for (gl::Program* left :
-       {&root_cells, &wire, &average, &shadow_map, &shadow_map_roots, &shadow, &capture, &capture_roots})
+  for (gl::Program* left : {&root_cells, &wire, &average, &tails, &normals, &normals_tails, &shadow_map,
+                            &shadow_map_roots, &shadow, &capture, &capture_roots})
     *left = {};
   if (auto r = linkOne(surface, api, "patch.vert", "surface.frag", defines); !r) return r;
-  if (auto r = linkOne(shade, api, "screen.vert", "shade.frag", defines); !r) return r;
+  // What is shaded by normals that were drawn before looks up no page itself.
+  const gl::Defines shading = variant.normals ? with(defines, "NO_PAGES") : defines;
+  if (auto r = linkOne(shade, api, "screen.vert", "shade.frag", shading); !r) return r;
   if (variant.tails) {
     if (auto r = linkOne(root_cells, api, "patch.vert", "surface.frag", with(defines, "ROOT_CELLS")); !r) return r;
-    if (auto r = linkOne(tails, api, "screen.vert", "shade.frag", with(defines, "TAILS_ONLY")); !r) return r;
+    if (auto r = linkOne(tails, api, "screen.vert", "shade.frag", with(shading, "TAILS_ONLY")); !r) return r;
+  }
+  if (variant.normals) {
+    const gl::Defines out = with(defines, "NORMALS_OUT");
+    if (auto r = linkOne(normals, api, "screen.vert", "shade.frag", out); !r) return r;
+    if (variant.tails)
+      if (auto r = linkOne(normals_tails, api, "screen.vert", "shade.frag", with(out, "TAILS_ONLY")); !r) return r;
   }
   if (variant.feedback)
     if (auto r = linkOne(feedback, api, "screen.vert", "feedback.frag", defines); !r) return r;

@@ -16,6 +16,7 @@ class ShadingPrograms {
   gl::Program root_cells;                    // the same for patches that are drawn as one cell
   gl::Program shade;                         // the surface buffer into the picture
   gl::Program tails;                         // the same where no page is needed
+  gl::Program normals, normals_tails;        // the surface buffer into its normals, as shade and tails
   gl::Program feedback;                      // the surface buffer into page requests
   gl::Program shadow_map, shadow_map_roots;  // the geometry into a map of depths, as surface and root_cells
   gl::Program shadow;                        // the map and the surface's depth into the share of light
@@ -25,7 +26,7 @@ class ShadingPrograms {
 
   struct Variant {
     gl::Defines defines;  // of the plan, the page pool and the tails
-    bool tails = false, feedback = false, wireframe = false, shadows = false, average = false;
+    bool tails = false, feedback = false, wireframe = false, shadows = false, average = false, normals = false;
     FaultInjection faults;
   };
   // Links all programs but capture and capture_roots, which become empty. After a failure some programs are new, some

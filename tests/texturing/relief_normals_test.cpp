@@ -6,6 +6,7 @@
 
 #include <cmath>
 #include <map>
+#include <numbers>
 #include <set>
 #include <thread>
 
@@ -117,11 +118,62 @@ TEST(ReliefNormals, ofAParabolaAreThoseAtTheTexelsMiddles) {
   }
 }
 
+// Slopes and heights of a plane are the same everywhere or linear, and the curvature of a paraboloid is one, at every
+// level, whether the relief is coarser than the texture, or than the radius asks for.
+TEST(ReliefNormals, numbersOfPlanesAndParaboloidsAreKnown) {
+  for (int finer : {-2, 1}) {
+    const FlatDomain d = domain(finer);
+    Relief plane(d, [](double x, double y) { return 0.02 * x + 0.015 * y + 0.1; });
+    Relief bowl(d, [](double x, double y) { return 1e-4 * ((x - 350) * (x - 350) + (y - 150) * (y - 150)); });
+    std::vector<uint8_t> page(kSlotBytes);
+    double slope_off = 0, height_off = 0, curvature_off = 0;
+    for (int level = 0; level <= d.texture_depth; ++level) {
+      const double texel = std::ldexp(1.0, d.texture_depth - level);
+      for (const NodeId& node : nodesOf(d, level)) {
+        const auto worst = [&](const ReliefSurface& surface, Relief& relief, double inset, auto&& expected) {
+          EXPECT_TRUE(ReliefNormals(surface).make(node, relief.reader(), page.data()));
+          double off = 0;
+          for (int j = 0; j < kPageFullPx; ++j)
+            for (int i = 0; i < kPageFullPx; ++i) {
+              const double x = static_cast<double>(d.patchOriginX(node.patch)) + (node.x * 128.0 + i - 3.5) * texel,
+                           y = (node.y * 128.0 + j - 3.5) * texel;
+              if (x < inset || y < inset || x > 701 - inset || y > 299 - inset) continue;
+              const uint8_t* t = &page[static_cast<size_t>((j * kPageFullPx + i) * 4)];
+              off = std::max(off, std::abs(reliefNumber(surface.quantity, t[0], t[1]) - expected(x, y)));
+            }
+          return off;
+        };
+        slope_off = std::max(slope_off, worst({d, 1, ReliefQuantity::kSlope}, plane, 0, [](double, double) {
+                               return std::atan(std::hypot(0.2, 0.15)) * 180 / std::numbers::pi;
+                             }));
+        // A cell at the border is cut, so that its middle is elsewhere.
+        height_off = std::max(height_off, worst({d, 1, ReliefQuantity::kHeight}, plane, 8, [&](double x, double y) {
+                                return (0.02 * x + 0.015 * y + 0.1) / d.relief_scale_mm;
+                              }));
+        // h = 1e-4 (x^2 + y^2) of texels of 0.1 mm bends by 0.02 a mm both ways: valleys count below 0.
+        for (const double radius_mm : {0.3, 4.0, 7.0}) {
+          if (level < d.texture_depth - 1) continue;  // coarser levels have too little inside of the border
+          curvature_off = std::max(curvature_off, worst({d, 1, ReliefQuantity::kCurvature, radius_mm}, bowl, 90,
+                                                        [&](double, double) { return -0.02 * radius_mm; }) /
+                                                      radius_mm);
+        }
+      }
+    }
+    EXPECT_LT(slope_off, 0.2) << finer << ": heights of 16 bits";
+    EXPECT_LT(height_off, 1.1) << finer;
+    EXPECT_LT(curvature_off, 0.004) << finer << ": a fifth, at the smallest radius";
+  }
+}
+
 TEST(ReliefNormals, bordersAreTheNeighboursTexels) {
-  for (int finer : {-1, 0}) {
+  const std::pair<int, ReliefQuantity> cases[] = {{-1, ReliefQuantity::kNormal},
+                                                  {0, ReliefQuantity::kNormal},
+                                                  {0, ReliefQuantity::kCurvature},
+                                                  {-1, ReliefQuantity::kHeight}};
+  for (const auto& [finer, quantity] : cases) {
     const FlatDomain d = domain(finer);
     Relief relief(d, [](double x, double y) { return 5 + 2 * std::sin(x / 9) + 2 * std::cos(y / 7 + x / 31); });
-    const ReliefNormals normals({d, 1});
+    const ReliefNormals normals({d, 1, quantity, 0.8});
     // Every texel of the level, as each page has it.
     for (int level = 1; level <= d.texture_depth; ++level) {
       std::map<std::pair<int64_t, int64_t>, uint32_t> texels;

@@ -486,6 +486,29 @@ TEST_F(Cli, LightsAreThoseOfTheSceneOrTheOption) {
   EXPECT_EQ(relievo("accuracy " + file("scene.json") + " --quick -o " + file("accuracy")).exit_code, 1);
 }
 
+TEST_F(Cli, ShadingSaysWhichValueIsWhichColour) {
+  ASSERT_EQ(relievo("sample coin --size 128x128 --package " + file("coin.relievo")).exit_code, 0);
+  write("scene.json", R"({"format": "relievo-scene", "version": 1, "artwork": "coin.relievo",
+    "shading": {"kind": "slope", "full_deg": 40}})");
+  const Outcome plan = relievo("plan --no-measure " + file("scene.json"));
+  EXPECT_NE(plan.output.find("slope: 0 degrees is RGB 255 255 255"), std::string::npos) << plan.output;
+  EXPECT_NE(plan.output.find("40 degrees is RGB 0 0 0"), std::string::npos) << plan.output;
+  EXPECT_EQ(plan.output.find("plane     rgb"), std::string::npos) << plan.output;
+  // The option takes the place of the scene's.
+  const std::string other =
+      relievo("plan --no-measure " + file("scene.json") + R"( --shading '{"kind": "depth", "high_mm": 2}')").output;
+  EXPECT_NE(other.find("2 mm is RGB 255 255 255"), std::string::npos) << other;
+  const std::string none = relievo("plan --no-measure " + file("scene.json") + " --shading none").output;
+  EXPECT_EQ(none.find("degrees"), std::string::npos) << none;
+  for (const char* wrong :
+       {"--shading height", "--shading '{\"radius_mm\": 1}'", "--shading '{\"kind\": \"slope\", \"full_deg\": 0}'"}) {
+    const Outcome r = relievo("plan --no-measure " + file("coin.relievo") + " " + wrong);
+    EXPECT_EQ(r.exit_code, 1) << wrong;
+    EXPECT_NE(r.output.find("--shading"), std::string::npos) << r.output;
+  }
+  EXPECT_EQ(relievo("accuracy " + file("scene.json") + " --quick -o " + file("accuracy")).exit_code, 1);
+}
+
 // A scene in the artwork's place is drawn as its options would have it; options given beside it win.
 TEST_F(Cli, ASceneIsDrawnAsItsOptionsWouldHaveIt) {
   ASSERT_EQ(relievo("sample coin --size 128x128 --package " + file("coin.relievo")).exit_code, 0);

@@ -38,6 +38,17 @@ TEST(SceneFiles, ComeBackAsTheyWereWritten) {
       if (light.near && some()) light.reference_mm = number(1e-3, 1e6);
       s.lights.push_back(light);
     }
+    if (some()) {
+      s.shading.kind = std::array{ReliefShading::Kind::kSlope, ReliefShading::Kind::kCurvature,
+                                  ReliefShading::Kind::kDepth}[static_cast<size_t>(number(0, 2.99))];
+      if (some()) s.shading.map = ReliefShading::Map::kColour;
+      if (some()) s.shading.full_deg = number(1, 90);
+      if (some()) s.shading.radius_mm = number(0.1, 3);
+      if (some()) s.shading.full_per_mm = number(0.1, 3);
+      if (some()) s.shading.low_mm = number(-3, -1);
+      if (some()) s.shading.high_mm = number(0, 3);
+      if (some()) s.shading.up = {number(-1, 1), 1.0 / 3, 1};
+    }
     if (some()) s.light_fixed = some();
     if (some()) s.shadows = some();
     if (some()) s.relief = some();
@@ -82,6 +93,11 @@ TEST(SceneFiles, AreRefusedNamingWhatIsWrong) {
       {kHead + R"(, "lights": [{}, {"towards": [0, 0, 1], "position_mm": [0, 0, 1]}]})", "'lights[1]' has both"},
       {kHead + R"(, "lights": [{"reference_mm": 3}]})", "'lights[0].reference_mm' needs"},
       {kHead + R"(, "light": {"towards": [0, 0, 1]}, "lights": [{}]})", "leave out one of them"},
+      {kHead + R"(, "shading": {"kind": "height"}})", "one of slope, curvature, depth for 'shading.kind'"},
+      {kHead + R"(, "shading": {"radius_mm": 1}})", "'shading.radius_mm' needs 'shading.kind'"},
+      {kHead + R"(, "shading": {"kind": "slope", "full_deg": 91}})", "from 0.01 to 90 for 'shading.full_deg'"},
+      {kHead + R"(, "shading": {"kind": "depth", "low_mm": 1, "high_mm": 1}})", "are the same"},
+      {kHead + R"(, "shading": {"kind": "slope", "up": [0, 0, 0]}})", "'shading.up' is zero"},
       {kHead + R"(, "camera": []})", "expected an object for 'camera'"},
       {kHead + R"(, "camera": {"fov": 3}})", "'camera.fov'"},
       {kHead + R"(, "camera": {"fov_deg": 171}})", "from 1 to 170 for 'camera.fov_deg'"},
@@ -172,6 +188,17 @@ TEST(SceneFiles, HoldLightsThatAnOptionGives) {
     EXPECT_FALSE(parseLights(wrong)) << wrong;
 }
 
+TEST(SceneFiles, HoldAShadingThatAnOptionGives) {
+  const auto slope = parseShading("slope"),
+             bent = parseShading(R"({"kind": "curvature", "map": "color", "radius_mm": 0.5})");
+  ASSERT_TRUE(slope && bent);
+  EXPECT_EQ(*slope, (ReliefShading{.kind = ReliefShading::Kind::kSlope}));
+  EXPECT_EQ(*bent, (ReliefShading{
+                       .kind = ReliefShading::Kind::kCurvature, .map = ReliefShading::Map::kColour, .radius_mm = 0.5}));
+  for (const char* wrong : {"", "height", "none", "{}", "[]", R"({"map": "color"})", R"({"kind": "slope", "deg": 1})"})
+    EXPECT_FALSE(parseShading(wrong)) << wrong;
+}
+
 Manifest manifestOf(Basis basis, int relief_depth) {
   Manifest m;
   m.texture.basis = basis;
@@ -211,6 +238,10 @@ TEST(ScenePlan, NamesWhatIsOnAndNothingElse) {
   EXPECT_EQ(partNames(lit, ptm), (std::vector<std::string>{"light", "lights"}));
   lit.lights[0].color = {1, 1, 1};
   EXPECT_EQ(partNames(lit, ptm), (std::vector<std::string>{"light"}));
+  // A shading stands in the place of light, and is one part.
+  Scene shaded = plain;
+  shaded.shading.kind = ReliefShading::Kind::kSlope;
+  EXPECT_EQ(partNames(shaded, manifestOf(Basis::kPtmLrgb, 2)), (std::vector<std::string>{"shading"}));
   for (const ScenePart& part : partsOf(rich, ptm))
     EXPECT_FALSE(planEffects(part.without, ptm) == planEffects(rich, ptm)) << part.name;
 }

@@ -93,6 +93,18 @@ void tailsFromPages(const PageSource& source, const TextureFormat& format, bool 
   if (problems) std::sort(problems->begin(), problems->end());
 }
 
+PatchTails planeOfTails(const PatchTails& tails, int plane) {
+  PatchTails out(tails.patches, 3);
+  out.heights.clear();
+  for (uint32_t patch = 0; patch < tails.patches; ++patch)
+    for (int level = 0; level < kTailLevels; ++level)
+      for (int c = 0; c < 3; ++c)
+        std::copy_n(tails.level(patch, level, 3 * plane + c),
+                    static_cast<size_t>(PatchTails::side(level) * PatchTails::side(level)),
+                    const_cast<uint8_t*>(out.level(patch, level, c)));
+  return out;
+}
+
 PatchTails resolvedTails(const PatchTails& tails, const TextureFormat& format, const std::array<double, 3>& light) {
   PatchTails out(tails.patches, 3);
   out.heights.clear();

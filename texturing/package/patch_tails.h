@@ -94,6 +94,9 @@ inline constexpr uint64_t tailGpuBytes(uint64_t patches, uint64_t planes) {
   return patches * (planes * 4 * kTailBlockAt[kTailLevels] + 2 * kTailBlockHeights);
 }
 
+// Of all planes one: three channels. The heights are left out.
+PatchTails planeOfTails(const PatchTails& tails, int plane);
+
 // Blocks of patches of a base mesh; const and thread-safe.
 class TailBlocks {
  public:

@@ -114,11 +114,85 @@ Json jsonOf(const SceneLight& light) {
   return json;
 }
 
+// A shading as it is written.
+struct ShadingMembers {
+  std::optional<std::string> kind, map;
+  std::optional<double> full_deg, radius_mm, full_per_mm, low_mm, high_mm;
+  std::optional<std::array<double, 3>> up;
+};
+constexpr std::array kShadingKinds{ReliefShading::Kind::kSlope, ReliefShading::Kind::kCurvature,
+                                   ReliefShading::Kind::kDepth};
+
+JsonMember shadingMember(ShadingMembers& to) {
+  std::vector<std::string> kinds;
+  for (const auto kind : kShadingKinds) kinds.emplace_back(shadingName(kind));
+  // No member by itself says what is shown.
+  const auto besideKind = [](JsonMember member) {
+    member.beside = "kind";
+    return member;
+  };
+  return objectMember(
+      "shading", "The relief in the place of colour and light",
+      {choiceMember("kind", "What of it", std::move(kinds), to.kind),
+       besideKind(choiceMember("map", "Scale of greys or colours that appear even [grey]", {"grey", "color"}, to.map)),
+       besideKind(
+           numberMember("full_deg", "Slope: the angle at the end of the scale, degrees [60]", 0.01, 90, to.full_deg)),
+       besideKind(
+           numberMember("radius_mm",
+                        "Curvature: of the disc that it is measured within, mm [a hundredth of the shorter side, of "
+                        "a scan of the longest]",
+                        1e-6, 1e6, to.radius_mm)),
+       besideKind(numberMember("full_per_mm",
+                               "Curvature: the value at the ends of the scale, 1/mm, above 0 on ridges [0.3 / radius]",
+                               1e-9, 1e9, to.full_per_mm)),
+       besideKind(numberMember("low_mm", "Depth: height at the beginning of the scale, mm [the artwork's lowest]",
+                               -kFarthestMm, kFarthestMm, to.low_mm)),
+       besideKind(numberMember("high_mm", "Depth: height at the end of the scale, mm [the artwork's highest]",
+                               -kFarthestMm, kFarthestMm, to.high_mm)),
+       besideKind(
+           tripleMember("up", "Of scans, what slope and depth are measured against [0, 0, 1]", -1e9, 1e9, to.up))});
+}
+
+// What is wrong with it, beside what its declaration says.
+std::string problemOf(const ShadingMembers& m) {
+  if (m.low_mm && m.high_mm && *m.low_mm == *m.high_mm) return "'shading.low_mm' and 'shading.high_mm' are the same";
+  if (m.up && *m.up == std::array<double, 3>{}) return "the direction 'shading.up' is zero";
+  return "";
+}
+
+ReliefShading shadingOf(const ShadingMembers& m) {
+  ReliefShading s;
+  for (const auto kind : kShadingKinds)
+    if (m.kind && *m.kind == shadingName(kind)) s.kind = kind;
+  if (m.map && *m.map == "color") s.map = ReliefShading::Map::kColour;
+  s.full_deg = m.full_deg.value_or(s.full_deg);
+  s.radius_mm = m.radius_mm;
+  s.full_per_mm = m.full_per_mm;
+  s.low_mm = m.low_mm;
+  s.high_mm = m.high_mm;
+  s.up = m.up.value_or(s.up);
+  return s;
+}
+
+Json jsonOf(const ReliefShading& s) {
+  Json json = {{"kind", shadingName(s.kind)}};
+  const ReliefShading usual;
+  if (s.map == ReliefShading::Map::kColour) json["map"] = "color";
+  if (s.full_deg != usual.full_deg) json["full_deg"] = s.full_deg;
+  if (s.radius_mm) json["radius_mm"] = *s.radius_mm;
+  if (s.full_per_mm) json["full_per_mm"] = *s.full_per_mm;
+  if (s.low_mm) json["low_mm"] = *s.low_mm;
+  if (s.high_mm) json["high_mm"] = *s.high_mm;
+  if (s.up != usual.up) json["up"] = s.up;
+  return json;
+}
+
 // What a scene's members are read into before they become the scene's.
 struct SceneParts {
   std::string about;
   std::vector<std::optional<double>> values;  // of the effects' parameters
   LightList lights;
+  ShadingMembers shading;
 };
 
 // parts outlive the members.
@@ -135,6 +209,7 @@ JsonMembers sceneMembers(SceneFile& s, SceneParts& parts) {
                           s.light_fixed),
                boolMember("shadows", "The relief casts shadows on itself, in each light that is far away", s.shadows)}),
           lightsMember(parts.lights),
+          shadingMember(parts.shading),
           objectMember("surface", "What of the artwork is shown",
                        {boolMember("relief", "Its heights", s.relief),
                         numberMember("exaggerate", "Heights times this", -1e4, 1e4, s.exaggerate),
@@ -170,6 +245,9 @@ Result<SceneFile> parseScene(const std::string& text, const std::string& name) {
     return invalid("the light's direction is zero", "for example [-0.7, 0.4, 0.6]");
   if (const std::string problem = problemOf(parts.lights); !problem.empty()) return invalid(problem, kSceneFormat.hint);
   scene.lights = lightsOf(parts.lights);
+  if (const std::string problem = problemOf(parts.shading); !problem.empty())
+    return invalid(problem, kSceneFormat.hint);
+  scene.shading = shadingOf(parts.shading);
   if (scene.light && !scene.lights.empty())
     return invalid("'light.towards' is one light and 'lights' are others", "leave out one of them");
   const SceneCamera& c = scene.camera;
@@ -238,6 +316,7 @@ std::string sceneText(const SceneFile& s) {
                                {"picture", picture}})
     if (!object.empty()) json[name] = object;
   for (const SceneLight& one : s.lights) json["lights"].push_back(jsonOf(one));
+  if (s.shading.isOn()) json["shading"] = jsonOf(s.shading);
   if (!(s.settings == DrawSettings{})) {
     Json settings = Json::parse(settingsText(s.settings, ""));
     settings.erase("format");
@@ -259,6 +338,18 @@ Result<std::vector<SceneLight>> parseLights(const std::string& text) {
   if (const std::string problem = problemOf(list); !problem.empty())
     return Error{ErrorKind::kInvalidData, "", problem, kSceneFormat.hint, {}};
   return lightsOf(list);
+}
+
+Result<ReliefShading> parseShading(const std::string& text) {
+  ShadingMembers members;
+  for (const auto kind : kShadingKinds)
+    if (text == shadingName(kind)) members.kind = text;
+  if (!members.kind)
+    if (auto read = readJsonValue(text, shadingMember(members), kSceneFormat.hint); !read) return read.error();
+  std::string problem = problemOf(members);
+  if (!members.kind) problem = "'shading.kind' is missing";
+  if (!problem.empty()) return Error{ErrorKind::kInvalidData, "", problem, kSceneFormat.hint, {}};
+  return shadingOf(members);
 }
 
 std::string lightText(const SceneLight& light, const glm::dvec3& middle_mm) {

@@ -9,6 +9,10 @@
 //
 //    "lights": [{"towards": [-1, 0, 0.3], "color": [1, 0.6, 0.3]}, {"position_mm": [40, 0, 25], "intensity": 0.5}]
 //
+// "shading" shows the relief in the place of colour and light (src/engine/effects/relief_shading.h):
+//
+//    "shading": {"kind": "curvature", "radius_mm": 0.4}
+//
 // `relievo plan --schema` prints its JSON Schema, which says what every member means. What a scene leaves out is as
 // without the option of that name; units are those of the options (relievo render --help). Unknown members, other types
 // and values out of range are refused. Safe for untrusted text.
@@ -41,6 +45,7 @@ struct SceneFile {
   SceneCamera camera;
   std::optional<std::array<double, 3>> light;  // towards it; of any length above 0
   std::vector<SceneLight> lights;              // in its place; empty: there are none
+  ReliefShading shading;                       // in the place of colour and light; usually none
   std::optional<bool> light_fixed;             // resolved once a page
   std::optional<bool> shadows;                 // cast by the relief on itself
   std::optional<bool> relief, unlit, wireframe, geomorph;
@@ -68,6 +73,8 @@ std::string sceneText(const SceneFile& scene);
 std::string sceneSchema();
 // Lights alone, the text of the member "lights": kInvalidData, naming no file.
 Result<std::vector<SceneLight>> parseLights(const std::string& text);
+// The text of the member "shading", or the name of its kind alone: kInvalidData, naming no file.
+Result<ReliefShading> parseShading(const std::string& text);
 // "near, at 40 0 25 mm, intensity 0.5 at 46.9 mm, color 1 1 1", for people.
 std::string lightText(const SceneLight& light, const glm::dvec3& middle_mm);
 

@@ -34,6 +34,8 @@ std::vector<Candidate> candidates() {
          std::erase_if(s.lights, [](const SceneLight& l) { return l.near; });
        }},
       {"normals", "normals, which light the colour", [](Scene& s) { s.unlit = true; }},
+      {"shading", "the relief's slope, curvature or depth, in the place of colour and light",
+       [](Scene& s) { s.shading = {}; }},
       {"shadows", "those that the relief casts on itself", [](Scene& s) { s.shadows = false; }},
       {"anisotropic", "several taps a pixel, against trilinear",
        [](Scene& s) { s.sampling = s.sampling == Sampling::kAnisotropic ? Sampling::kTrilinear : s.sampling; }},
@@ -89,7 +91,7 @@ Result<PlannedScene> planScene(const Scene& scene, const Package& package) {
   PlannedScene out;
   out.plan = planEffects(scene, manifest);
   const auto add = [&](Plane plane, bool stored, uint64_t loaded) -> Result<void> {
-    PlannedPlane p{planeName(plane, manifest.texture.basis), 0, loaded};
+    PlannedPlane p{out.plan.nameOf(plane), 0, loaded};
     if (stored) {
       auto usage = planeUsage(package, plane, &interruptedFlag());
       if (!usage) return usage.error();
@@ -104,11 +106,12 @@ Result<PlannedScene> planScene(const Scene& scene, const Package& package) {
       if (auto done = add(texturePlane(k), true, 0); !done) return done.error();
   }
   for (const Plane plane : out.plan.texture_planes) {
-    const bool made = plane == Plane::kResolved || (out.plan.normals_exaggerate != 0 && plane == kNormalPlane);
+    const bool made = plane == Plane::kResolved || out.plan.madeOfRelief() ||
+                      (out.plan.normals_exaggerate != 0 && plane == kNormalPlane);
     if (auto done = add(plane, !made, slot); !done) return done.error();
   }
-  if (out.plan.relief)
-    if (auto done = add(Plane::kRelief, true, kSlotBytes / 2); !done) return done.error();
+  if (out.plan.relief || out.plan.madeOfRelief())  // the latter on the CPU alone
+    if (auto done = add(Plane::kRelief, true, out.plan.relief ? kSlotBytes / 2 : 0); !done) return done.error();
   out.passes = out.plan.passes();
   for (const auto& [name, value] : out.plan.defines()) out.defines.push_back(name + " " + value);
   return out;
