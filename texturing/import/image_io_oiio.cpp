@@ -104,6 +104,21 @@ int64_t exrChunkRows(const OIIO::ImageSpec& spec) {
                                                                                           : 1;
 }
 
+using Bytes = unsigned __int128;
+
+// More than a file of this length can hold?
+std::optional<Error> tooManyPixels(const std::string& path, int64_t width, int64_t height, Bytes bytes,
+                                   uint64_t file_bytes, const ImageReadOptions& options) {
+  if (bytes <= static_cast<Bytes>(file_bytes) * options.max_packing + kPackingSlackBytes) return std::nullopt;
+  return Error{ErrorKind::kInvalidData,
+               path,
+               "expected at least " + std::to_string(static_cast<uint64_t>(bytes / options.max_packing)) +
+                   " bytes for " + std::to_string(width) + " x " + std::to_string(height) + " pixels, found " +
+                   std::to_string(file_bytes),
+               std::string(kDamagedHint) + "; --max-packing allows more than 1:" + std::to_string(options.max_packing),
+               {}};
+}
+
 Result<OpenImage> openImage(const std::string& path, const ImageReadOptions& options) {
   // The file first, for errors that say what is the matter: OpenImageIO calls a missing file an unknown format.
   auto file = InputFile::open(path);
@@ -126,7 +141,11 @@ Result<OpenImage> openImage(const std::string& path, const ImageReadOptions& opt
   }
   if (sniffed->whole_bytes > options.decodedLimit())
     return beyond(path, kWhole, sniffed->whole_bytes, options.decodedLimit(), kWholeOption, 3, options);
-  if (auto sound = checkExrHeader(*file); !sound) return sound.error();
+  // OpenEXR makes room for rows as it opens a file, other readers only as they are read.
+  const auto claimed = checkExrHeader(*file);
+  if (!claimed) return claimed.error();
+  if (auto few = tooManyPixels(path, claimed->width, claimed->height, claimed->bytes(), file->size(), options))
+    return *few;
   if (auto sound = checkJpegHeader(*file); !sound) return sound.error();
   OpenImage image;
   image.file_bytes = file->size();
@@ -174,18 +193,8 @@ Result<OpenImage> openImage(const std::string& path, const ImageReadOptions& opt
                  kDamagedHint,
                  {}};
   }
-  using Bytes = unsigned __int128;
   const Bytes pixel = s.pixel_bytes(true), bytes = static_cast<Bytes>(s.width) * s.height * pixel;
-  if (bytes > static_cast<Bytes>(image.file_bytes) * options.max_packing + kPackingSlackBytes) {
-    return Error{
-        ErrorKind::kInvalidData,
-        path,
-        "expected at least " + std::to_string(static_cast<uint64_t>(bytes / options.max_packing)) + " bytes for " +
-            std::to_string(s.width) + " x " + std::to_string(s.height) + " pixels, found " +
-            std::to_string(image.file_bytes),
-        std::string(kDamagedHint) + "; --max-packing allows more than 1:" + std::to_string(options.max_packing),
-        {}};
-  }
+  if (auto few = tooManyPixels(path, s.width, s.height, bytes, image.file_bytes, options)) return *few;
   if (!sniffed->in_parts && bytes > options.decodedLimit())
     return beyond(path, kWhole, bytes, options.decodedLimit(), kWholeOption, 3, options);
   const auto sides = [](int64_t w, int64_t h) { return std::to_string(w) + " x " + std::to_string(h) + " px take"; };

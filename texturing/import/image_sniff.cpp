@@ -103,6 +103,7 @@ struct ExrHeader {
   const InputFile& file;
   uint64_t at = 0;
   bool ended = false;  // the text that was read last has no end where it may have one
+  ClaimedPixels claimed;
 
   Result<std::string> text() {
     constexpr size_t kMostText = 256;  // of a name, with its end
@@ -164,9 +165,25 @@ struct ExrHeader {
       auto channel = text();
       if (!channel) return channel.error();
       if (channel->empty()) return at - first;
-      at += kBytesPerChannel;
+      constexpr uint32_t kHalf = 1;
+      auto kind = number();
+      if (!kind) return kind.error();
+      claimed.pixel_bytes += *kind == kHalf ? 2 : 4;
+      at += kBytesPerChannel - 4;
     }
     return std::max(at, end + 1) - first;  // the list goes on
+  }
+  // Of the data window, four numbers.
+  Result<void> readWindow() {
+    std::array<int32_t, 4> window{};
+    for (int32_t& v : window) {
+      auto next = number();
+      if (!next) return next.error();
+      v = static_cast<int32_t>(*next);
+    }
+    claimed.width = std::max<int64_t>(int64_t{window[2]} - window[0] + 1, 0);
+    claimed.height = std::max<int64_t>(int64_t{window[3]} - window[1] + 1, 0);
+    return {};
   }
 };
 
@@ -177,22 +194,25 @@ struct ExrHeader {
 // parts with an empty header. Of the types that the library knows it reads what the type says, and takes what comes
 // next for the next attribute: there another size would lead us past claims that the library believes. What is no such
 // list is left to the library to refuse.
-Result<void> checkExrHeader(const InputFile& file) {
+Result<ClaimedPixels> checkExrHeader(const InputFile& file) {
   constexpr std::array<uint8_t, 4> kMagic{0x76, 0x2F, 0x31, 0x01};
   constexpr int kMostAttributes = 65536;
   constexpr uint8_t kMultiPart = 0x10;  // in the second byte of the flags
   std::array<uint8_t, 8> head{};
-  if (file.size() < head.size()) return {};
-  if (auto read = file.read(0, head); !read) return read;
-  if (!std::equal(kMagic.begin(), kMagic.end(), head.begin())) return {};
+  if (file.size() < head.size()) return ClaimedPixels{};
+  if (auto read = file.read(0, head); !read) return read.error();
+  if (!std::equal(kMagic.begin(), kMagic.end(), head.begin())) return ClaimedPixels{};
   ExrHeader header{file, head.size()};
+  ClaimedPixels most;
   bool any = false;  // in this header
   for (int k = 0; k < kMostAttributes; ++k) {
     auto name = header.text();
     if (!name) return name.error();
-    if (header.ended) return {};
+    if (header.ended) break;
     if (name->empty()) {
-      if (!(head[5] & kMultiPart) || !any) return {};
+      if (header.claimed.bytes() > most.bytes()) most = header.claimed;
+      header.claimed = {};
+      if (!(head[5] & kMultiPart) || !any) break;
       any = false;
       continue;
     }
@@ -200,7 +220,7 @@ Result<void> checkExrHeader(const InputFile& file) {
     auto type = header.text();
     if (!type) return type.error();
     const uint64_t size_at = header.at;
-    if (header.ended || file.size() - size_at < 4) return {};
+    if (header.ended || file.size() - size_at < 4) break;
     auto size = header.number();
     if (!size) return size.error();
     const uint64_t value_at = header.at;
@@ -216,9 +236,12 @@ Result<void> checkExrHeader(const InputFile& file) {
     auto bytes = header.bytesRead(*type, *size);
     if (!bytes) return bytes.error();
     if (*bytes != *size) return attribute("of " + std::to_string(*bytes) + " bytes", std::to_string(*size));
+    header.at = value_at;
+    if (*name == "dataWindow" && *type == "box2i")
+      if (auto read = header.readWindow(); !read) return read.error();
     header.at = value_at + *size;
   }
-  return {};
+  return most;
 }
 
 namespace {

@@ -31,8 +31,14 @@ Result<Sniffed> sniffImage(const InputFile& file);
 // Nothing where there is none, or where the directory is no sound one, which is left to the library to refuse.
 Result<std::optional<double>> noDataOf(const InputFile& file);
 
-// Errors only for an OpenEXR file; else nothing is looked at.
-Result<void> checkExrHeader(const InputFile& file);
+// The pixels that a header claims; zeros where nothing is known of them.
+struct ClaimedPixels {
+  int64_t width = 0, height = 0;
+  uint64_t pixel_bytes = 0;
+  unsigned __int128 bytes() const { return static_cast<unsigned __int128>(width) * height * pixel_bytes; }
+};
+// Of an OpenEXR file the header (of several the one that claims most); else nothing is looked at.
+Result<ClaimedPixels> checkExrHeader(const InputFile& file);
 // Errors only for a JPEG; else nothing is looked at.
 Result<void> checkJpegHeader(const InputFile& file);
 
