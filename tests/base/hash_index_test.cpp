@@ -144,7 +144,7 @@ std::string firstDifference(bool grows, const std::function<void(const Owner<Ind
     for (size_t capacity : {0, 1, 2, 3, 7, 20, 61})
       for (uint64_t seed = 1; seed <= (test::longTests() ? 3 : 1); ++seed) {
         Owner<Index> owner(seed, hash.of, capacity, grows);
-        if (std::string wrong = owner.run(2000); !wrong.empty())
+        if (std::string wrong = owner.run(test::kSanitized ? 1000 : 2000); !wrong.empty())
           return std::string(hash.name) + ", capacity " + std::to_string(capacity) + ", seed " + std::to_string(seed) +
                  ", " + wrong;
         if (each) each(owner, capacity);
