@@ -3,7 +3,7 @@
 // holds a number of 16 bits (texturing/stream/relief_normals.h). MESH: of a scan SHADING_SLOPE takes the stored normal,
 // SHADING_DEPTH (without any page) the pixel's place, and SHADING_CURVATURE places and normals of pixels around it.
 uniform vec4 u_shading;             // x, y: the place on the scale is x value + y; z: depth of no surface; w: radius, mm
-uniform vec4 u_shading_colours[9];  // sRGB
+uniform vec4 u_shading_colours[RV_SHADING_STOPS];  // sRGB
 #ifdef MESH
 uniform vec4 u_shading_up;  // the unit vector; w: the eye's height along it, mm
 #ifndef SHADING_SLOPE
@@ -36,7 +36,7 @@ float shadedValue(vec3 channels[PLANES]) {
 }
 
 vec3 shade(vec3 channels[PLANES]) {
-  float at = clamp(shadedValue(channels) * u_shading.x + u_shading.y, 0.0, 1.0) * 8.0;
-  int stop = min(int(at), 7);
+  float at = clamp(shadedValue(channels) * u_shading.x + u_shading.y, 0.0, 1.0) * float(RV_SHADING_STOPS - 1);
+  int stop = min(int(at), RV_SHADING_STOPS - 2);
   return mix(u_shading_colours[stop].rgb, u_shading_colours[stop + 1].rgb, at - float(stop)) * 255.0;
 }

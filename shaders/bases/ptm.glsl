@@ -1,7 +1,5 @@
 // ptm.glsl - the functions of a PTM under the unit vector towards a light (CPU reference: ptmBasis() of
 // src/artwork/bases/ptm.h, which says what becomes of light from behind).
-const float kBehind = 0.02;
-
 void basisFunctions(vec3 light, out float functions[COEFFICIENTS]) {
   vec2 at = light.xy;
   float sideways = length(at);

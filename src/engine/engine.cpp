@@ -80,13 +80,14 @@ struct Engine::Impl {
   std::unique_ptr<TailTextures> tail_textures;
   mutable std::optional<std::pair<double, Extent>> extent;  // of the last exaggeration: a walk over a mesh's corners
   mutable std::optional<glm::dvec3> middle;                 // artworkMiddle()
+  mutable std::optional<std::pair<ReliefShading, ReliefShading>> completed_shading;  // a scene's, and completed()
   std::unique_ptr<TextureDemand> demand;
   std::unique_ptr<LodWorker> lod;
   std::unique_ptr<ScreenPass> screen;
   std::optional<DepthProbe> depth_probe;  // from the first question on
   ShadingPrograms programs;
   SurfaceTarget surface{{}};
-  std::unique_ptr<KeptDepth> kept_depth;  // while the plan has near lights
+  std::unique_ptr<KeptDepth> kept_depth;  // while the plan keeps depth
   DrawnSurface kept_depth_of;
   std::unique_ptr<NormalsTarget> normals;   // while the plan draws normals
   std::unique_ptr<ShadowPass> shadow_pass;  // while the plan has shadows
@@ -158,8 +159,7 @@ struct Engine::Impl {
     return overMesh() && scene.relight ? view.world_from_camera : glm::dmat3(1);
   }
   glm::dvec3 lightInSpace(const ViewTransform& view) const {
-    const glm::dvec3 light = glm::make_vec3(singleLight(scene).data());
-    return overMesh() && scene.relight ? view.world_from_camera * light : light;
+    return worldFromLight(view) * glm::make_vec3(singleLight(scene).data());
   }
   // plan.lights of them.
   std::vector<PlacedLight> lightsInSpace(const ViewTransform& view) const {
@@ -511,6 +511,11 @@ struct Engine::Impl {
     kept_depth->take(surface);
     kept_depth_of = surface_drawn;
   }
+  const ReliefShading& completedShading() const {
+    if (!completed_shading || completed_shading->first != scene.shading)
+      completed_shading = {scene.shading, completed(scene.shading, artwork.manifest)};
+    return completed_shading->second;
+  }
   // Lights, or what is shown in their place; for the shading program in use.
   void setLights(const gl::Program& program) const {
     const bool shaded = plan.shading != ReliefShading::Kind::kNone;
@@ -518,7 +523,7 @@ struct Engine::Impl {
     const glm::dvec3& eye_mm = drawn.view.eye_mm;
     const glm::dmat4 eye_from_pixel =
         glm::inverse(glm::translate(sampleView().clip_from_world, eye_mm)) * clipFromPixel(surface.depthMode());
-    setNamedUniforms(program, shaded ? shadingUniforms(scene.shading, artwork.manifest, eye_mm, eye_from_pixel,
+    setNamedUniforms(program, shaded ? shadingUniforms(completedShading(), artwork.manifest, eye_mm, eye_from_pixel,
                                                        surface.depthMode().farPlane())
                                      : lightUniforms(lightsInSpace(drawn.view), plan.format(artwork.manifest), eye_mm,
                                                      eye_from_pixel));

@@ -24,6 +24,19 @@ void beginDepth(const DepthMode& mode) {
   glDepthFunc(mode.nearerOrEqual());
 }
 
+gl::Texture createDepth(const char* label, int width_px, int height_px, const DepthMode& mode) {
+  return gl::createNearest(label, width_px, height_px, mode.format(), GL_DEPTH_COMPONENT,
+                           mode.reversed ? GL_FLOAT : GL_UNSIGNED_INT);
+}
+
+void attachDepthAlone(const gl::Framebuffer& framebuffer, GLuint depth) {
+  glBindFramebuffer(GL_FRAMEBUFFER, framebuffer.id());
+  glFramebufferTexture2D(GL_FRAMEBUFFER, GL_DEPTH_ATTACHMENT, GL_TEXTURE_2D, depth, 0);
+  const GLenum none = GL_NONE;
+  glDrawBuffers(1, &none);
+  glReadBuffer(GL_NONE);
+}
+
 glm::dmat4 clipFromPixel(const DepthMode& mode) {
   const double sign = mode.reversed ? -1 : 1;  // reversed, depth is 1 where z is -1
   glm::dmat4 clip(1.0);

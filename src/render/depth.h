@@ -10,6 +10,8 @@
 #include <epoxy/gl.h>
 #include <glm/glm.hpp>
 
+#include "src/gl/objects.h"
+
 namespace relievo {
 
 struct DepthMode {
@@ -32,6 +34,11 @@ const char* depthName(bool reversed);  // for people: "reversed, 32-bit float" o
 // Turns the depth test on, lets what is nearer or equal pass, and sets the mode's clip space. Passes without a depth
 // test work in either clip space.
 void beginDepth(const DepthMode& mode);
+
+// A texture of depths of the mode's format, without filters.
+gl::Texture createDepth(const char* label, int width_px, int height_px, const DepthMode& mode);
+// Attaches a texture of depths alone, and no colour, and leaves the framebuffer bound.
+void attachDepthAlone(const gl::Framebuffer& framebuffer, GLuint depth);
 
 // From a pixel's place and depth, each 0..1 as the GL stores them, to the camera's clip space, z within -w..w.
 glm::dmat4 clipFromPixel(const DepthMode& mode);

@@ -1,29 +1,16 @@
 #include "src/render/kept_depth.h"
 
 namespace relievo {
-namespace {
-
-void attachDepthAlone(GLuint framebuffer, GLuint depth) {
-  glBindFramebuffer(GL_FRAMEBUFFER, framebuffer);
-  glFramebufferTexture2D(GL_FRAMEBUFFER, GL_DEPTH_ATTACHMENT, GL_TEXTURE_2D, depth, 0);
-  const GLenum none = GL_NONE;
-  glDrawBuffers(1, &none);
-  glReadBuffer(GL_NONE);
-}
-
-}  // namespace
 
 void KeptDepth::take(const SurfaceTarget& surface) {
-  const DepthMode& mode = surface.depthMode();
   if (surface.width() != width_ || surface.height() != height_) {
     width_ = surface.width(), height_ = surface.height();
-    depth_ = gl::createNearest("kept depth", width_, height_, mode.format(), GL_DEPTH_COMPONENT,
-                               mode.reversed ? GL_FLOAT : GL_UNSIGNED_INT);
+    depth_ = createDepth("kept depth", width_, height_, surface.depthMode());
     from_ = gl::Framebuffer::create();
     to_ = gl::Framebuffer::create();
-    attachDepthAlone(to_.id(), depth_.id());
+    attachDepthAlone(to_, depth_.id());
   }
-  attachDepthAlone(from_.id(), surface.depth());  // the surface makes another texture where its size changes
+  attachDepthAlone(from_, surface.depth());  // the surface makes another texture where its size changes
   glBindFramebuffer(GL_READ_FRAMEBUFFER, from_.id());
   glBindFramebuffer(GL_DRAW_FRAMEBUFFER, to_.id());
   glBlitFramebuffer(0, 0, width_, height_, 0, 0, width_, height_, GL_DEPTH_BUFFER_BIT, GL_NEAREST);

@@ -22,14 +22,9 @@ void ShadowPass::resize(int width_px, int height_px, size_t lights) {
   maps_.resize(lights);
   for (Map& map : maps_) {
     if (map.depth) continue;
-    map.depth = gl::createNearest("shadow map", side, side, depth_mode_.format(), GL_DEPTH_COMPONENT,
-                                  depth_mode_.reversed ? GL_FLOAT : GL_UNSIGNED_INT);
+    map.depth = createDepth("shadow map", side, side, depth_mode_);
     map.framebuffer = gl::Framebuffer::create();
-    glBindFramebuffer(GL_FRAMEBUFFER, map.framebuffer.id());
-    glFramebufferTexture2D(GL_FRAMEBUFFER, GL_DEPTH_ATTACHMENT, GL_TEXTURE_2D, map.depth.id(), 0);
-    const GLenum none = GL_NONE;
-    glDrawBuffers(1, &none);
-    glReadBuffer(GL_NONE);
+    attachDepthAlone(map.framebuffer, map.depth.id());
   }
   light_ = lights == 1 ? gl::createNearest("share of light", width_, height_, GL_R8, GL_RED, GL_UNSIGNED_BYTE)
                        : gl::createNearest("shares of lights", width_, height_, GL_RGBA8, GL_RGBA, GL_UNSIGNED_BYTE);

@@ -16,8 +16,7 @@ void SurfaceTarget::resize(int width_px, int height_px, bool gradient) {
   height_ = height_px;
   surface_ = makeSurface("surface", width_, height_);
   gradient_ = gradient ? makeSurface("texture gradient", width_, height_) : gl::Texture();
-  depth_ = gl::createNearest("depth", width_, height_, depth_mode_.format(), GL_DEPTH_COMPONENT,
-                             depth_mode_.reversed ? GL_FLOAT : GL_UNSIGNED_INT);
+  depth_ = createDepth("depth", width_, height_, depth_mode_);
   framebuffer_ = gl::Framebuffer::create();
   glBindFramebuffer(GL_FRAMEBUFFER, framebuffer_.id());
   glFramebufferTexture2D(GL_FRAMEBUFFER, GL_COLOR_ATTACHMENT0, GL_TEXTURE_2D, surface_.id(), 0);

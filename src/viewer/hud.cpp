@@ -86,7 +86,7 @@ std::string hudLine(const HudState& s) {
     std::snprintf(text, sizeof text, s.size_known ? "   %.4g mm a px" : "   %.4g px of the artwork a px", s.mm_per_px);
     line += text;
   }
-  if (s.unlit) line += "   unlit";
+  if (s.unlit) line += "   " + (s.shading.empty() ? "unlit" : s.shading);
   return line;
 }
 

@@ -247,7 +247,9 @@ void ViewLoop::takeSnapshot(double now) {
 }
 
 void ViewLoop::drawHud(const EngineStats& stats) {
-  shown_.unlit = !engine_.plan().lit();
+  const EffectPlan& plan = engine_.plan();
+  shown_.unlit = !plan.lit();
+  shown_.shading = plan.shading != ReliefShading::Kind::kNone ? shadingName(plan.shading) : "";
   shown_.fps = meter_.meanSeconds() > 0 ? 1 / meter_.meanSeconds() : 0;
   shown_.frame_ms = meter_.meanSeconds() * 1000;
   shown_.resident_pages = stats.resident;

@@ -4,6 +4,7 @@
 
 #include "src/engine/effects/effects.h"
 #include "tests/render/dense_subjects.h"
+#include "tests/render/made_engine.h"
 
 namespace relievo {
 namespace effects_gltest {
@@ -53,12 +54,7 @@ TEST(Effects, AreTheirReferences) {
 
 TEST(Effects, OffMeansNoTraceInTheShader) {
   const Subject subject = noiseSubject(300, 200, Basis::kPtmRgb, 0, 12);
-  const auto variant = [&](const Scene& scene) {
-    const auto text = gl::assembleShader(gl::currentContextInfo().api, "shade.frag",
-                                         planEffects(scene, subject.artwork.manifest).defines(), true);
-    EXPECT_TRUE(text.ok());
-    return text.ok() ? *text : std::string();
-  };
+  const auto variant = [&](const Scene& scene) { return shadingSource(scene, subject.artwork.manifest); };
   Scene off;
   for (const PixelEffect* effect : pixelEffects())
     if (effect->stage == PixelEffect::Stage::kTone) off.effects.push_back({effect, effect->neutral()});

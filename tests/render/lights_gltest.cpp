@@ -126,12 +126,7 @@ Manifest manifestOf(Basis basis) {
 // One white light far away, however it is said, leaves no trace: no define, uniform, pass or plane.
 TEST(Lights, OfOneWhiteLightLeaveNoTrace) {
   const Manifest m = manifestOf(Basis::kPtmRgb);
-  const auto variant = [&](const Scene& scene) {
-    const auto text =
-        gl::assembleShader(gl::currentContextInfo().api, "shade.frag", planEffects(scene, m).defines(), true);
-    EXPECT_TRUE(text.ok());
-    return text.ok() ? *text : std::string();
-  };
+  const auto variant = [&](const Scene& scene) { return shadingSource(scene, m); };
   SceneLight off = kNear, black = kCold;
   off.intensity = 0;
   black.color = {0, 0, 0};

@@ -1,11 +1,15 @@
-// made_engine.h - an engine for a test: what keeps it from being made is the test's failure.
+// made_engine.h - an engine for a test, and the shader that it shades with: what keeps either from being made is the
+// test's failure.
 #pragma once
 
 #include <gtest/gtest.h>
 
 #include <memory>
+#include <string>
 
 #include "src/engine/engine.h"
+#include "src/gl/context.h"
+#include "src/gl/program.h"
 
 namespace relievo::test {
 
@@ -17,6 +21,14 @@ inline std::unique_ptr<Engine> makeEngine(const Artwork& artwork, const Scene& s
   if (!engine.ok()) return nullptr;
   (*engine)->resize(width_px, height_px);
   return std::move(*engine);
+}
+
+// All of the shader that shades this scene, as it is compiled; empty where there is none.
+inline std::string shadingSource(const Scene& scene, const Manifest& manifest) {
+  const auto text =
+      gl::assembleShader(gl::currentContextInfo().api, "shade.frag", planEffects(scene, manifest).defines(), true);
+  EXPECT_TRUE(text.ok());
+  return text.ok() ? *text : std::string();
 }
 
 }  // namespace relievo::test

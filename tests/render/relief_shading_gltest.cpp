@@ -357,12 +357,7 @@ Manifest manifestOf(Basis basis, int relief_depth = 2, bool mesh = false) {
 // Off, whatever its parameters are, it leaves no trace: no define, uniform, pass or plane.
 TEST(ReliefShading, ThatIsOffLeavesNoTrace) {
   const Manifest m = manifestOf(Basis::kPtmRgb);
-  const auto variant = [&](const Scene& scene) {
-    const auto text =
-        gl::assembleShader(gl::currentContextInfo().api, "shade.frag", planEffects(scene, m).defines(), true);
-    EXPECT_TRUE(text.ok());
-    return text.ok() ? *text : std::string();
-  };
+  const auto variant = [&](const Scene& scene) { return shadingSource(scene, m); };
   Scene off, on;
   off.shading = {.full_deg = 10, .radius_mm = 3, .low_mm = 1};
   on.shading = {.kind = Kind::kSlope};

@@ -100,8 +100,7 @@ PatchTails planeOfTails(const PatchTails& tails, int plane) {
     for (int level = 0; level < kTailLevels; ++level)
       for (int c = 0; c < 3; ++c)
         std::copy_n(tails.level(patch, level, 3 * plane + c),
-                    static_cast<size_t>(PatchTails::side(level) * PatchTails::side(level)),
-                    const_cast<uint8_t*>(out.level(patch, level, c)));
+                    static_cast<size_t>(PatchTails::side(level) * PatchTails::side(level)), out.level(patch, level, c));
   return out;
 }
 
@@ -130,7 +129,7 @@ PatchTails resolvedTails(const PatchTails& tails, const TextureFormat& format, c
     resolvePage(format, light, pointers, resolved.data());
     for (int c = 0; c < 3; ++c)
       forEach([&](size_t at, int level, size_t i, uint32_t patch) {
-        const_cast<uint8_t*>(out.level(patch, level, c))[i] = resolved[4 * at + static_cast<size_t>(c)];
+        out.level(patch, level, c)[i] = resolved[4 * at + static_cast<size_t>(c)];
       });
   }
   return out;
@@ -189,6 +188,7 @@ void TailBlocks::write(uint32_t patch, int level, uint32_t* out) const {
   const int side = PatchTails::side(level), last = side - 1;
   const size_t planes = static_cast<size_t>(tails_.channels) / 3, row = tailBlockSide(level);
   std::fill_n(out, tailBlockTexels(level) * planes, 0u);
+  std::array<std::array<bool, kTailTexels>, 4> creased{};  // by side, the texels beyond which normals end
   for (int channel = 0; channel < tails_.channels; ++channel) {
     const uint8_t* own = tails_.level(patch, level, channel);
     auto put = [&](int x, int y, uint8_t value) {  // from -1 on
@@ -211,9 +211,9 @@ void TailBlocks::write(uint32_t patch, int level, uint32_t* out) const {
         const int t = reversed ? last - i : i;
         const auto theirs = static_cast<size_t>(their_upright ? t * side + their_edge : their_edge * side + t),
                    nearest = static_cast<size_t>(upright ? i * side + edge : edge * side + i);
-        const bool crease = normals_ && channel >= static_cast<int>(kNormalChannel) &&
-                            n.patch != PatchNeighbour::kNone &&
-                            isCrease(normalAt(patch, level, nearest), normalAt(n.patch, level, theirs));
+        bool& crease = creased[s][static_cast<size_t>(i)];
+        if (normals_ && channel == static_cast<int>(kNormalChannel) && n.patch != PatchNeighbour::kNone)
+          crease = isCrease(normalAt(patch, level, nearest), normalAt(n.patch, level, theirs));
         const uint8_t value = crease ? own[nearest] : from[theirs];
         if (upright) put(beyond, i, value);
         else put(i, beyond, value);

@@ -61,9 +61,12 @@ struct PatchTails {
     return std::span(texels).subspan(patch * patchTexels(), patchTexels());
   }
   const uint8_t* level(uint32_t patch, int level, int channel) const {
+    return texels.data() + levelAt(patch, level, channel);
+  }
+  uint8_t* level(uint32_t patch, int level, int channel) { return texels.data() + levelAt(patch, level, channel); }
+  size_t levelAt(uint32_t patch, int level, int channel) const {
     const size_t texels_a_channel = static_cast<size_t>(side(level)) * static_cast<size_t>(side(level));
-    return texels.data() + patch * patchTexels() +
-           static_cast<size_t>(channels) * kTailLevelAt[static_cast<size_t>(level)] +
+    return patch * patchTexels() + static_cast<size_t>(channels) * kTailLevelAt[static_cast<size_t>(level)] +
            static_cast<size_t>(channel) * texels_a_channel;
   }
   friend bool operator==(const PatchTails&, const PatchTails&) = default;

@@ -137,10 +137,10 @@ struct ReliefNormals::Cells {
   int64_t x = 0, y = 0, columns = 0, rows = 0;
 };
 
-// Page by page, since a cell's four samples are in one page. take: a cell's column and row in the artwork, and the
-// first of its samples.
-bool ReliefNormals::readCells(const Cells& cells, const ReadRelief& read,
-                              const std::function<void(int64_t, int64_t, const uint16_t*)>& take) const {
+// Page by page, since a cell's four samples are in one page. take(x, y, q): a cell's column and row in the artwork, and
+// the first of its samples.
+template <class Take>
+bool ReliefNormals::readCells(const Cells& cells, const ReadRelief& read, Take take) const {
   const int64_t end_x = cells.x + cells.columns, end_y = cells.y + cells.rows;
   for (int64_t row = cells.y / kPagePx; row * kPagePx < end_y; ++row) {
     for (int64_t column = cells.x / kPagePx; column * kPagePx < end_x; ++column) {

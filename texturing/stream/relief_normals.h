@@ -75,8 +75,8 @@ class ReliefNormals {
  private:
   using Samples = std::shared_ptr<const std::vector<uint16_t>>;
   struct Cells;
-  bool readCells(const Cells& cells, const ReadRelief& read,
-                 const std::function<void(int64_t, int64_t, const uint16_t*)>& take) const;
+  template <class Take>
+  bool readCells(const Cells& cells, const ReadRelief& read, Take take) const;
   bool makeGradients(const NodeId& node, const ReadRelief& read, uint8_t* texels) const;
   bool makeHeights(const NodeId& node, const ReadRelief& read, uint8_t* texels) const;
   bool makeCurvatures(const NodeId& node, const ReadRelief& read, uint8_t* texels) const;

@@ -17,7 +17,7 @@ std::array<double, 6> ptmBasis(const std::array<double, 3>& light) {
   auto basis = ptmBasis(u, v);
   if (light[2] >= 0) return basis;
   constexpr std::array<double, 6> kGrazingMean{0.5, 0.5, 0, 0, 0, 1};
-  const double share = std::min(1.0, std::hypot(light[0], light[1]) / kBehind);
+  const double share = std::min(1.0, std::hypot(light[0], light[1]) / shader::kBehind);
   for (size_t k = 0; k < basis.size(); ++k)
     basis[k] = share < 1 ? kGrazingMean[k] + (basis[k] - kGrazingMean[k]) * share : basis[k];
   return basis;

@@ -20,9 +20,8 @@ std::array<double, 2> ptmDirection(double x, double y, double z);
 inline std::array<double, 6> ptmBasis(double u, double v) { return {u * u, v * v, u * v, u, v, 1.0}; }
 
 // The basis functions under the unit vector towards a light anywhere around the object. A light straight from behind
-// has no side. There the functions take their mean over all grazing lights, and they go over to it within kBehind of
-// straight behind, so that a rounding error of the direction cannot choose a side.
-inline constexpr double kBehind = 0.02;  // sine of the angle between the light and straight behind: 1.1 degrees
+// has no side. There the functions take their mean over all grazing lights, and they go over to it within
+// shader::kBehind of straight behind, so that a rounding error of the direction cannot choose a side.
 std::array<double, 6> ptmBasis(const std::array<double, 3>& light);
 
 }  // namespace relievo

@@ -107,20 +107,30 @@ ReliefSurface shadedSurface(const ReliefShading& shading, const Manifest& manife
   return surface;
 }
 
-ShadingScale scaleOf(const ReliefShading& shading, const Manifest& manifest) {
+ReliefShading completed(ReliefShading shading, const Manifest& manifest) {
+  if (shading.kind == Kind::kCurvature) shading.radius_mm = curvatureRadius(shading, manifest);
+  if (shading.kind == Kind::kDepth && !(shading.low_mm && shading.high_mm)) {
+    const auto heights = heightsOf(shading, manifest);
+    shading.low_mm = shading.low_mm.value_or(heights[0]);
+    shading.high_mm = shading.high_mm.value_or(heights[1]);
+  }
+  return shading;
+}
+
+ShadingScale scaleOf(const ReliefShading& asked, const Manifest& manifest) {
+  const ReliefShading shading = completed(asked, manifest);
   ShadingScale scale{.colours = coloursOf(shading)};
   if (shading.kind == Kind::kSlope) {
     scale.to = shading.full_deg;
     scale.unit = "degrees";
   } else if (shading.kind == Kind::kCurvature) {
-    const double radius = curvatureRadius(shading, manifest);
+    const double radius = *shading.radius_mm;
     scale.to = std::min(shading.full_per_mm.value_or(kUsualCurvature / radius), kMostFullCurvature / radius);
     scale.from = -scale.to;
     scale.unit = manifest.size_known ? "1/mm" : "1/px";
   } else {
-    const auto heights = heightsOf(shading, manifest);
-    scale.from = shading.low_mm.value_or(heights[0]);
-    scale.to = shading.high_mm.value_or(heights[1]);
+    scale.from = *shading.low_mm;
+    scale.to = *shading.high_mm;
     if (scale.to == scale.from) scale.to = scale.from + 1;  // a plane: any scale shows it
     scale.unit = manifest.size_known ? "mm" : "px";
   }
@@ -192,22 +202,23 @@ std::vector<NamedUniform> shadingUniforms(const ReliefShading& shading, const Ma
                                           const glm::dvec3& eye_mm, const glm::dmat4& eye_from_pixel,
                                           double far_depth) {
   const ShadingScale scale = scaleOf(shading, manifest);
-  const bool flat = manifest.domain.isFlat();
+  const bool flat = manifest.domain.isFlat(), curved = shading.kind == Kind::kCurvature;
+  const double radius = curved ? *shading.radius_mm : 0;
   // What a page's number of 16 bits stands for: first + number * per_unit.
   double first = 0, per_unit = 1;
-  if (flat && shading.kind == Kind::kSlope) per_unit = 90 / 65535.0;
-  if (flat && shading.kind == Kind::kCurvature) {
-    const double most = kMostCurvature / curvatureRadius(shading, manifest);
-    first = -most;
-    per_unit = 2 * most / 65535;
-  }
-  if (flat && shading.kind == Kind::kDepth) {
-    first = manifest.domain.relief_offset_mm;
-    per_unit = manifest.domain.relief_scale_mm;
+  if (flat) {
+    const ReliefQuantity quantity = shadedSurface(shading, manifest).quantity;
+    const auto valueOf = [&](double number) {
+      if (shading.kind == Kind::kDepth)
+        return manifest.domain.relief_offset_mm + manifest.domain.relief_scale_mm * number;
+      return curved ? number / radius : number;
+    };
+    first = valueOf(reliefNumber(quantity, 0, 0));
+    per_unit = (valueOf(reliefNumber(quantity, 255, 255)) - first) / 65535;
   }
   const double range = scale.to - scale.from;
-  std::vector<NamedUniform> uniforms{{"u_shading", glm::vec4(per_unit / range, (first - scale.from) / range, far_depth,
-                                                             curvatureRadius(shading, manifest))}};
+  std::vector<NamedUniform> uniforms{
+      {"u_shading", glm::vec4(per_unit / range, (first - scale.from) / range, far_depth, radius)}};
   for (size_t k = 0; k < kShadingStops; ++k)
     uniforms.push_back({"u_shading_colours[" + std::to_string(k) + "]", glm::vec4(scale.colours[k], 1)});
   if (flat) return uniforms;
@@ -218,7 +229,7 @@ std::vector<NamedUniform> shadingUniforms(const ReliefShading& shading, const Ma
       uniforms.push_back({name + "[" + std::to_string(column) + "]", glm::vec4(m[column])});
   };
   if (shading.kind != Kind::kSlope) matrix("u_eye_from_pixel", eye_from_pixel);
-  if (shading.kind == Kind::kCurvature) matrix("u_pixel_from_eye", glm::inverse(eye_from_pixel));
+  if (curved) matrix("u_pixel_from_eye", glm::inverse(eye_from_pixel));
   return uniforms;
 }
 

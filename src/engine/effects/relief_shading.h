@@ -42,6 +42,7 @@
 
 #include <glm/glm.hpp>
 
+#include "shaders/shading.h"
 #include "src/render/camera.h"
 #include "src/render/picture_target.h"
 #include "texturing/package/package.h"
@@ -49,7 +50,7 @@
 
 namespace relievo {
 
-inline constexpr size_t kShadingStops = 9;
+inline constexpr size_t kShadingStops = RV_SHADING_STOPS;
 inline constexpr double kMostFullCurvature = kMostCurvature;  // times the radius
 
 struct ReliefShading {
@@ -79,6 +80,9 @@ double curvatureRadius(const ReliefShading& shading, const Manifest& manifest);
 // What pages of a flat artwork hold.
 ReliefSurface shadedSurface(const ReliefShading& shading, const Manifest& manifest);
 
+// The same with numbers for all that its kind leaves to the artwork. Of a scan that takes a walk over its corners.
+ReliefShading completed(ReliefShading shading, const Manifest& manifest);
+
 // The scale: the value at its ends, and in what unit.
 struct ShadingScale {
   double from = 0, to = 1;
@@ -98,8 +102,8 @@ double scanCurvature(const glm::dvec3& normal, const glm::dvec3& place_mm, std::
                      std::span<const glm::dvec3> places_mm);
 double scanDepth(const ReliefShading& shading, const glm::dvec3& place_mm);
 
-// Of relief_shading.glsl. Places there count from eye_mm; eye_from_pixel as of lightUniforms(). far_depth: where
-// there is no surface.
+// Of relief_shading.glsl; shading is completed(). Places there count from eye_mm; eye_from_pixel as of lightUniforms().
+// far_depth: where there is no surface.
 std::vector<NamedUniform> shadingUniforms(const ReliefShading& shading, const Manifest& manifest,
                                           const glm::dvec3& eye_mm, const glm::dmat4& eye_from_pixel, double far_depth);
 
