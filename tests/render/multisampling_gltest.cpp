@@ -156,7 +156,8 @@ struct BorderErrors {
 };
 
 // Alpha against the area of the outline in border pixels; and, everywhere, against the number of `locations` within the
-// outline. GL snaps corners to 2^-8 px or less: a location so near to the outline may be either.
+// outline. GL snaps corners to 2^-8 px or less: a location so near to the outline may be either. Half of 255 is no
+// byte: drivers round it either way.
 void compareAlpha(const Engine& engine, std::span<const uint8_t> rgba, const std::vector<glm::dvec2>& locations,
                   BorderErrors& errors) {
   const Polygon outline = outlineOf(engine);
@@ -183,7 +184,7 @@ void compareAlpha(const Engine& engine, std::span<const uint8_t> rgba, const std
       }
       const double each = 255.0 / static_cast<double>(locations.size());
       errors.uncertain += surely != perhaps;
-      errors.wrong += alpha < std::lround(surely * each) || alpha > std::lround(perhaps * each);
+      errors.wrong += alpha < surely * each - 0.5 || alpha > perhaps * each + 0.5;
     }
 }
 
@@ -227,6 +228,10 @@ TEST(Multisampling, AlphaIsTheCoverageOfBorders) {
 
 // --- colours
 
+// What a driver's conversion to bytes may be off by, beside the half of rounding (the Direct3D 11.3 functional
+// specification allows 0.6 in all, section 3.2.3.6; OpenGL states nothing).
+constexpr double kConversion = 0.11;
+
 // The oracle's pictures through the locations, and what the engine's is against their average.
 class Averages {
  public:
@@ -248,18 +253,18 @@ class Averages {
     }
   }
   struct Difference {
-    size_t compared = 0, above_1 = 0;
+    size_t compared = 0, wrong = 0;
     double max = 0, sum = 0;
     void add(const Difference& d) {
       compared += d.compared;
-      above_1 += d.above_1;
+      wrong += d.wrong;
       max = std::max(max, d.max);
       sum += d.sum;
     }
     double mean() const { return sum / static_cast<double>(std::max<size_t>(compared, 1)); }
   };
-  // Of channels of the pixels in which every sample shows the artwork, no edge near it. bytes: the average is that of
-  // the display's numbers.
+  // Of channels of the pixels in which every sample shows the artwork, no edge near it, how far they are from what the
+  // samples' bytes may average to. bytes: the average is that of the display's numbers.
   Difference difference(std::span<const uint8_t> rgba, bool bytes = false) const {
     Difference d;
     for (size_t i = 0; i < images_[0].pixels.size(); ++i) {
@@ -267,16 +272,19 @@ class Averages {
       for (const DenseImage& image : images_) inside &= image.pixels[i].covered() && image.pixels[i].edge == 0;
       if (!inside) continue;
       for (int c = 0; c < 3; ++c) {
-        double sum = 0;
-        for (const DenseImage& image : images_) {
-          const double shown = image.pixels[i].bytes()[static_cast<size_t>(c)];
-          sum += bytes ? shown : linearFromSrgb(shown / 255);
-        }
-        const double mean = sum / static_cast<double>(images_.size());
-        const double error =
-            std::abs((bytes ? mean : 255 * srgbFromLinear(mean)) - rgba[4 * i + static_cast<size_t>(c)]);
+        const auto average = [&](double off) {
+          double sum = 0;
+          for (const DenseImage& image : images_) {
+            const double shown = std::clamp(std::floor(image.pixels[i].rgb[c] + off + 0.5), 0.0, 255.0);
+            sum += bytes ? shown : linearFromSrgb(shown / 255);
+          }
+          const double mean = sum / static_cast<double>(images_.size());
+          return bytes ? mean : 255 * srgbFromLinear(mean);
+        };
+        const double shown = rgba[4 * i + static_cast<size_t>(c)];
+        const double error = std::max({average(-kConversion) - shown, shown - average(kConversion), 0.0});
         ++d.compared;
-        d.above_1 += error > 1.01;
+        d.wrong += error > 0.5 + kConversion;
         d.max = std::max(d.max, error);
         d.sum += error;
       }
@@ -328,21 +336,21 @@ TEST(Multisampling, ColoursAreTheAverageInLinearLight) {
         for (glm::dvec2& at : others) at.y = -at.y;
         mirrored.add(Averages(*subject, *engine, others).difference(picture));
       }
-      std::printf("[ samples ] %s, %d: %zu channels, at most %.2f/255, %.3f on average, %zu above 1\n",
-                  subject == &flat ? "flat" : "relief", samples, d.compared, d.max, d.mean(), d.above_1);
-      EXPECT_GT(d.compared, 20000u);
-      // Half for rounding, and half for samples whose bytes are off by one. Few samples look at a page that no pixel's
-      // centre asked for, in the picture's outermost pixels: its ancestor shows.
-      EXPECT_LE(d.above_1, d.compared / 20000);
+      std::printf("[ samples ] %s, %d: %zu channels, at most %.2f/255, %.3f on average, %zu wrong\n",
+                  subject == &flat ? "flat" : "relief", samples, d.compared, d.max, d.mean(), d.wrong);
+      EXPECT_GT(d.compared, 15000u);
+      // Few samples look at a page that no pixel's centre asked for, in the picture's outermost pixels: its ancestor
+      // shows.
+      EXPECT_LE(d.wrong, d.compared / 20000);
       EXPECT_LE(d.mean(), 0.3) << "a quarter for rounding";
     }
   }
   if (controlledWithOpenGl()) return;
-  std::printf("[ samples ] controls: one sample %zu above 1, of bytes %zu, mirrored %zu\n", one.above_1,
-              of_bytes.above_1, mirrored.above_1);
-  EXPECT_GT(one.above_1, 5000u) << "control";
-  EXPECT_GT(of_bytes.above_1, 5000u) << "control";
-  EXPECT_GT(mirrored.above_1, 500u) << "control";
+  std::printf("[ samples ] controls: one sample %zu wrong, of bytes %zu, mirrored %zu\n", one.wrong, of_bytes.wrong,
+              mirrored.wrong);
+  EXPECT_GT(one.wrong, 5000u) << "control";
+  EXPECT_GT(of_bytes.wrong, 5000u) << "control";
+  EXPECT_GT(mirrored.wrong, 500u) << "control";
 }
 
 // --- the engine
