@@ -41,8 +41,12 @@ std::string snapshotScene(const ViewOptions& o, const OrbitCamera& camera, const
               {},
               camera.orthographic ? std::optional(true) : std::nullopt,
               std::array{target.x, target.y, target.z}};
-  if (shown.lights.empty()) s.light = shown.light;
-  else s.lights = shown.lights;
+  if (!shown.lights.empty()) {
+    s.lights = shown.lights;
+  } else {
+    s.light = shown.light;
+    if (shown.light_size_deg != 0) s.light_size_deg = shown.light_size_deg;
+  }
   s.shading = shown.shading;
   if (shown.wireframe) s.wireframe = true;
   if (shown.overlay) s.show = std::string(shown.overlay->name);

@@ -115,7 +115,7 @@ class ViewLoop {
     return calm_frames_ >= kCalmFrames * options_.engine.feedback_interval &&
            now >= changed_at_ + (shown_.missing_pages > 0 || switching_ ? kCalmMissingS : kCalmS);
   }
-  // Once nothing changes any more, frames add the samples that the picture lacks.
+  // Once nothing changes any more, frames add the samples, and directions of light, that the picture lacks.
   bool refining(double now) const {
     return lacks_samples_ && calm(now) && now >= changed_at_ + options_.scene.page_fade_s;
   }
@@ -214,7 +214,7 @@ Result<EngineStats> ViewLoop::drawScene(double now) {
   engine_.setCamera(control_.view().camera);
   if (!refining(now) || !engine_.refine(now)) engine_.frame(now);
   const EngineStats stats = engine_.stats();
-  lacks_samples_ = stats.samples < engine_.plan().samples;
+  lacks_samples_ = !stats.refined;
   return stats;
 }
 
