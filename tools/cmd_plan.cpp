@@ -167,14 +167,14 @@ void print(const PlanOptions& o, const ScenePlan& plan, std::pair<int, int> size
     printOutf("  picture   %.0f ms more until it has all samples and directions, once the camera stands still\n",
               *plan.refined_ms);
   if (plan.parts.empty()) return printOutf("nothing in it can be left out\n");
-  printOutf("%-14s %9s %9s %9s  %s\n", "what adds", "ms", "KiB read", "KiB GPU", "planes, passes and defines");
+  printOutf("%-17s %9s %9s %9s  %s\n", "what adds", "ms", "KiB read", "KiB GPU", "planes, passes and defines");
   for (const CostedPart& c : plan.parts) {
     std::vector<std::string> what = added(planeNames(whole), planeNames(c.without));
     for (const auto& list : {added(whole.passes, c.without.passes), briefly(added(whole.defines, c.without.defines))})
       what.insert(what.end(), list.begin(), list.end());
     char ms[24] = "-";
     if (c.ms) std::snprintf(ms, sizeof ms, "%.1f", *c.ms);
-    printOutf("%-14s %9s %9.1f %9.1f  %s\n", c.part.name.c_str(), ms,
+    printOutf("%-17s %9s %9.1f %9.1f  %s\n", c.part.name.c_str(), ms,
               (whole.storedBytes() - c.without.storedBytes()) / 1024,
               (static_cast<double>(whole.loadedBytes()) - static_cast<double>(c.without.loadedBytes())) / 1024,
               joined(what, ", ").c_str());

@@ -498,8 +498,7 @@ TEST_F(Cli, SoftLightIsInThePlan) {
   EXPECT_NE(plan.find("OCCLUSION_FILES"), std::string::npos) << plan;
   EXPECT_EQ(plan,
             relievo("plan --no-measure " + file("coin.relievo") + " --shadows --light-size 4 --ambient-occlusion 0.5")
-                .output.replace(0, file("coin.relievo").size(), file("scene.json")))
-      << "the same but for the name";
+                .output);
   const std::string off =
       relievo("plan --no-measure " + file("scene.json") + " --light-size 0 --ambient-occlusion 0").output;
   EXPECT_EQ(off.find("directions"), std::string::npos) << off;
