@@ -1,10 +1,32 @@
 // shadow.frag - the share of the light that reaches each pixel of the surface (src/render/shadow_pass.h).
 #include "shadow_map.glsl"
 
+uniform mat4 u_map_from_pixel;  // from a pixel's place and depth, 0..1, to texels of the map and its depth
+uniform vec4 u_shadow;  // texels a side of the map; 1 where a larger depth is nearer to the light, else -1; bias; -
+
 out vec4 o_light;
 
+bool placeAt(ivec2 pixel, out vec3 place) {
+  float depth;
+  if (!depthAt(pixel, depth)) return false;
+  vec4 p = u_map_from_pixel * vec4((vec2(pixel) + 0.5) / vec2(textureSize(u_depth, 0)), depth, 1.0);
+  place = p.xyz / p.w;
+  return true;
+}
+
+// From a pixel to its neighbour on the same surface: of the two, the one whose depth differs less.
+vec3 along(ivec2 pixel, ivec2 axis, vec3 here) {
+  vec3 a, b;
+  bool has_a = placeAt(pixel + axis, a), has_b = placeAt(pixel - axis, b);
+  if (has_a && (!has_b || abs(a.z - here.z) <= abs(b.z - here.z))) return a - here;
+  return has_b ? here - b : vec3(0.0);
+}
+
 void main() {
+  ivec2 pixel = ivec2(gl_FragCoord.xy);
   o_light = vec4(1.0);
-  vec3 here, dx, dy;
-  if (placesAt(ivec2(gl_FragCoord.xy), here, dx, dy)) o_light = vec4(lightAt(here, dx, dy));
+  vec3 here;
+  if (!placeAt(pixel, here)) return;
+  vec3 dx = along(pixel, ivec2(1, 0), here), dy = along(pixel, ivec2(0, 1), here);
+  o_light = vec4(lightAt(here, dx, dy, ivec2(0), ivec2(int(u_shadow.x) - 1), u_shadow.y, u_shadow.z));
 }

@@ -28,19 +28,22 @@ uint32_t LightShares::addDirections(size_t caster, std::span<const glm::dvec3> d
                       : flat ? ShadowPass::Weight::kCosineOverDark
                              : ShadowPass::Weight::kCosine;
   casters_[caster].map.reset();
-  for (const glm::dvec3& towards : directions) {
-    const ShadowView view = shadowView(*wanted.view, *wanted.extent, towards);
-    const bool dark = flat && towards.z <= 0;  // it comes from behind the artwork
-    if (!dark) {
-      pass_.beginMap(caster);
-      drawing.draw_map(view);
+  uint32_t passes = 1;
+  for (size_t at = 0; at < directions.size(); at += ShadowPass::kDirectionsAPass, ++passes) {
+    const auto part = directions.subspan(at, std::min(ShadowPass::kDirectionsAPass, directions.size() - at));
+    std::vector<ShadowPass::Direction> some;
+    pass_.beginMap(caster);
+    for (const glm::dvec3& towards : part) {
+      const bool dark = flat && towards.z <= 0;  // it comes from behind the artwork
+      some.push_back({towards, shadowView(*wanted.view, *wanted.extent, towards), dark});
+      pass_.beginDirection(some.size() - 1);
+      if (!dark) drawing.draw_map(some.back().view);
     }
-    pass_.addDirection(caster, first, dark ? ShadowPass::Weight::kEvenDark : weight, drawing.programs->shadow_sum,
-                       *drawing.surface, *drawing.screen, wanted.surface.clip_from_world, view);
-    first = false;
+    pass_.addDirections(caster, some, first && at == 0, weight, drawing.programs->shadow_sum, *drawing.surface,
+                        *drawing.screen, wanted.surface.clip_from_world, wanted.view->eye_mm);
   }
   pass_.takeMean(caster, drawing.programs->shadow_mean, *drawing.screen);
-  return static_cast<uint32_t>(directions.size()) + 1;
+  return passes;
 }
 
 uint32_t LightShares::update(const Wanted& wanted, Directions directions, const Drawing& drawing) {

@@ -19,7 +19,7 @@
 
 namespace relievo {
 
-inline constexpr int kMovingSky = 8;          // directions: a power of two
+inline constexpr int kMovingSky = 4;          // directions: a power of two
 inline constexpr int kDirectionsAtATime = 8;  // of each caster, for a view that stands still
 
 struct CastingLight {

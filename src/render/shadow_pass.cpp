@@ -1,7 +1,9 @@
 #include "src/render/shadow_pass.h"
 
 #include <algorithm>
+#include <array>
 
+#include <glm/gtc/matrix_transform.hpp>
 #include <glm/gtc/type_ptr.hpp>
 
 namespace relievo {
@@ -67,30 +69,32 @@ void ShadowPass::beginMap(size_t caster) const {
   glClearBufferfv(GL_DEPTH, 0, &far_plane);
 }
 
-void ShadowPass::setMapUniforms(size_t caster, const gl::Program& program, const SurfaceTarget& surface,
-                                const glm::dmat4& camera_clip_from_world, const ShadowView& view) const {
+void ShadowPass::beginDirection(size_t direction) const {
+  const int side = map_px_ / 2;
+  glViewport(direction % 2 == 0 ? 0 : side, direction / 2 == 0 ? 0 : side, side, side);
+}
+
+void ShadowPass::bindMap(size_t caster, const gl::Program& program, const SurfaceTarget& surface) const {
   program.use();
   surface.bind(program, 4);
   glActiveTexture(GL_TEXTURE0);
   glBindTexture(GL_TEXTURE_2D, maps_[caster].depth.id());
   glUniform1i(program.uniform("u_shadow_map"), 0);
-  // From a pixel's place and depth, each 0..1, to the map's texels and its depth, which is 0..1, too.
-  const double sign = depth_mode_.reversed ? -1 : 1;
+}
+
+glm::dmat4 ShadowPass::mapFromClip(int side) const {
   glm::dmat4 map_from_clip(1.0);
-  const double half = 0.5 * map_px_;
+  const double half = 0.5 * side;
   map_from_clip[0][0] = map_from_clip[1][1] = half;
-  map_from_clip[2][2] = 0.5 * sign;
+  map_from_clip[2][2] = depth_mode_.reversed ? -0.5 : 0.5;
   map_from_clip[3] = glm::dvec4(half, half, 0.5, 1);
-  const glm::mat4 map_from_pixel(map_from_clip * view.clip_from_world * glm::inverse(camera_clip_from_world) *
-                                 clipFromPixel(depth_mode_));
-  glUniformMatrix4fv(program.uniform("u_map_from_pixel"), 1, GL_FALSE, glm::value_ptr(map_from_pixel));
-  const double texel_mm = 2 * view.mm_per_unit / map_px_, depth_mm = 2 * view.mm_per_depth;
+  return map_from_clip;
+}
+
+double ShadowPass::bias(const ShadowView& view, int side) const {
+  const double texel_mm = 2 * view.mm_per_unit / side, depth_mm = 2 * view.mm_per_depth;
   const double step = depth_mode_.reversed ? 1e-6 : 3e-7;  // of depth itself
-  glUniform4f(program.uniform("u_shadow"), static_cast<float>(map_px_), static_cast<float>(-sign),
-              static_cast<float>(kBiasTexels * texel_mm / depth_mm + step), 0);
-  if (const GLint at = program.uniform("u_map_mm"); at >= 0)
-    glUniform4f(at, static_cast<float>(2 * view.mm_per_axis.x / map_px_),
-                static_cast<float>(2 * view.mm_per_axis.y / map_px_), static_cast<float>(-sign * depth_mm), 0);
+  return kBiasTexels * texel_mm / depth_mm + step;
 }
 
 // The sky's share is a texture, a light's a component of one.
@@ -104,15 +108,20 @@ void ShadowPass::beginShare(size_t caster) const {
 
 void ShadowPass::light(size_t light, const gl::Program& program, const SurfaceTarget& surface, const ScreenPass& screen,
                        const glm::dmat4& camera_clip_from_world, const ShadowView& view) const {
-  setMapUniforms(light, program, surface, camera_clip_from_world, view);
+  bindMap(light, program, surface);
+  const glm::mat4 map_from_pixel(mapFromClip(map_px_) * view.clip_from_world * glm::inverse(camera_clip_from_world) *
+                                 clipFromPixel(depth_mode_));
+  glUniformMatrix4fv(program.uniform("u_map_from_pixel"), 1, GL_FALSE, glm::value_ptr(map_from_pixel));
+  glUniform4f(program.uniform("u_shadow"), static_cast<float>(map_px_), depth_mode_.reversed ? 1.0f : -1.0f,
+              static_cast<float>(bias(view, map_px_)), 0);
   beginShare(light);
   screen.draw(false);
   glColorMask(GL_TRUE, GL_TRUE, GL_TRUE, GL_TRUE);
 }
 
-void ShadowPass::addDirection(size_t caster, bool first, Weight weight, const gl::Program& program,
-                              const SurfaceTarget& surface, const ScreenPass& screen,
-                              const glm::dmat4& camera_clip_from_world, const ShadowView& view) {
+void ShadowPass::addDirections(size_t caster, std::span<const Direction> directions, bool first, Weight weight,
+                               const gl::Program& program, const SurfaceTarget& surface, const ScreenPass& screen,
+                               const glm::dmat4& camera_clip_from_world, const glm::dvec3& eye_mm) {
   Sums& sums = sums_[caster];
   for (size_t k = 0; k < 2 && !sums.texture[1]; ++k) {
     sums.texture[k] = gl::createNearest("shadow sums", width_, height_, GL_RG32UI, GL_RG_INTEGER, GL_UNSIGNED_INT);
@@ -120,10 +129,27 @@ void ShadowPass::addDirection(size_t caster, bool first, Weight weight, const gl
     glBindFramebuffer(GL_FRAMEBUFFER, sums.framebuffer[k].id());
     glFramebufferTexture2D(GL_FRAMEBUFFER, GL_COLOR_ATTACHMENT0, GL_TEXTURE_2D, sums.texture[k].id(), 0);
   }
-  setMapUniforms(caster, program, surface, camera_clip_from_world, view);
-  const bool cosine = weight == Weight::kCosine || weight == Weight::kCosineOverDark;
-  glUniform4f(program.uniform("u_sum"), first ? 0.0f : 1.0f, cosine ? 1.0f : 0.0f,
-              weight == Weight::kCosineOverDark ? 1.0f : 0.0f, weight == Weight::kEvenDark ? 0.0f : 1.0f);
+  bindMap(caster, program, surface);
+  const glm::mat4 eye_from_pixel(glm::inverse(glm::translate(camera_clip_from_world, eye_mm)) *
+                                 clipFromPixel(depth_mode_));
+  glUniformMatrix4fv(program.uniform("u_eye_from_pixel"), 1, GL_FALSE, glm::value_ptr(eye_from_pixel));
+  const int side = map_px_ / 2;
+  std::array<glm::vec4, kDirectionsAPass> towards{};
+  std::array<glm::vec4, 3 * kDirectionsAPass> map_from_eye{};
+  for (size_t i = 0; i < directions.size(); ++i) {
+    const Direction& d = directions[i];
+    towards[i] = glm::vec4(d.towards, d.dark ? -1 : bias(d.view, side));
+    glm::dmat4 map = mapFromClip(side) * glm::translate(d.view.clip_from_world, eye_mm);
+    map[3].x += i % 2 == 0 ? 0 : side, map[3].y += i / 2 == 0 ? 0 : side;
+    const glm::dmat4 rows = glm::transpose(map);
+    for (int row = 0; row < 3; ++row) map_from_eye[3 * i + static_cast<size_t>(row)] = glm::vec4(rows[row]);
+  }
+  glUniform4fv(program.uniform("u_directions"), static_cast<GLsizei>(towards.size()), glm::value_ptr(towards[0]));
+  glUniform4fv(program.uniform("u_map_from_eye"), static_cast<GLsizei>(map_from_eye.size()),
+               glm::value_ptr(map_from_eye[0]));
+  glUniform4f(program.uniform("u_count"), static_cast<float>(directions.size()), static_cast<float>(side), 0, 0);
+  glUniform4f(program.uniform("u_sum"), first ? 0.0f : 1.0f, weight == Weight::kEven ? 0.0f : 1.0f,
+              weight == Weight::kCosineOverDark ? 1.0f : 0.0f, depth_mode_.reversed ? 1.0f : -1.0f);
   glActiveTexture(GL_TEXTURE1);
   glBindTexture(GL_TEXTURE_2D, sums.texture[sums.written].id());
   glUniform1i(program.uniform("u_sums"), 1);

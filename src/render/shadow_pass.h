@@ -1,16 +1,18 @@
 // shadow_pass.h - shadows that the drawn surface casts on itself: a map of its depths from the light, of the triangles
 // that the picture shows, then for each pixel the share of the light that reaches it. Of several lights each has a map,
 // and a component of the shares; the sky is one more caster, whose share is a texture of its own. What is no point but
-// an area of directions is the mean over them: its one map is drawn for each direction, and what reaches a pixel is
-// added to a pair of sums, which are integers, so that the order of directions does not matter and no float target is
-// needed. Needs a current GL context.
+// an area of directions is the mean over them: its map is drawn for some of them at a time, in its quarters, and what
+// reaches a pixel is added to a pair of sums, which are integers: they are exact, and no float target is needed. Needs
+// a current GL context.
 #pragma once
 
 #include <cstdint>
+#include <span>
 #include <vector>
 
 #include <glm/glm.hpp>
 
+#include "shaders/shading.h"
 #include "src/gl/objects.h"
 #include "src/gl/program.h"
 #include "src/render/depth.h"
@@ -33,13 +35,22 @@ class ShadowPass {
   // camera_clip_from_world. Program: of that shader.
   void light(size_t light, const gl::Program& program, const SurfaceTarget& surface, const ScreenPass& screen,
              const glm::dmat4& camera_clip_from_world, const ShadowView& view) const;
-  // How directions count: all the same; so, and no light comes from there, whatever the map holds; by the cosine of
-  // their angle from the surface's normal; by it, with the opposite direction beside each, which is dark.
-  enum class Weight { kEven, kEvenDark, kCosine, kCosineOverDark };
-  // Adds the map's direction to the caster's sums (shaders/shadow_sum.frag). first: there are none yet. Sums of 16
-  // bytes a pixel are taken with the first.
-  void addDirection(size_t caster, bool first, Weight weight, const gl::Program& program, const SurfaceTarget& surface,
-                    const ScreenPass& screen, const glm::dmat4& camera_clip_from_world, const ShadowView& view);
+  // How directions count: all the same; by the cosine of their angle from the surface's normal; by it, with the
+  // opposite direction beside each, which is dark.
+  enum class Weight { kEven, kCosine, kCosineOverDark };
+  static constexpr size_t kDirectionsAPass = RV_DIRECTIONS;
+  struct Direction {
+    glm::dvec3 towards{0, 0, 1};
+    ShadowView view;
+    bool dark = false;  // no light comes from there, whatever the map holds
+  };
+  // After beginMap(): what is drawn goes to the map of this direction, below kDirectionsAPass.
+  void beginDirection(size_t direction) const;
+  // Adds so many directions, at most kDirectionsAPass, to the caster's sums (shaders/shadow_sum.frag). first: there are
+  // none yet. Sums of 16 bytes a pixel are taken with the first. eye_mm: what places count from on the GPU.
+  void addDirections(size_t caster, std::span<const Direction> directions, bool first, Weight weight,
+                     const gl::Program& program, const SurfaceTarget& surface, const ScreenPass& screen,
+                     const glm::dmat4& camera_clip_from_world, const glm::dvec3& eye_mm);
   // The mean of the directions so far becomes the caster's share (shaders/shadow_mean.frag).
   void takeMean(size_t caster, const gl::Program& program, const ScreenPass& screen) const;
   // For shade.frag with SHADOWS: the shares of light, to texture unit `unit`.
@@ -49,8 +60,10 @@ class ShadowPass {
   int mapPx() const { return map_px_; }
 
  private:
-  void setMapUniforms(size_t caster, const gl::Program& program, const SurfaceTarget& surface,
-                      const glm::dmat4& camera_clip_from_world, const ShadowView& view) const;
+  void bindMap(size_t caster, const gl::Program& program, const SurfaceTarget& surface) const;
+  // From clip space, z within -w..w, to texels of a map of so many a side, and its depth, 0..1.
+  glm::dmat4 mapFromClip(int side) const;
+  double bias(const ShadowView& view, int side) const;  // of the map's depth
   void beginShare(size_t caster) const;
 
   DepthMode depth_mode_;

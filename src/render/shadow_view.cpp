@@ -90,7 +90,6 @@ ShadowView shadowView(const ViewTransform& camera, const Extent& extent, const g
   const glm::dvec3 half = glm::max((high - low) * 0.5, glm::dvec3(least)) * 1.002;
   ShadowView view;
   view.mm_per_unit = std::max(half.x, half.y);
-  view.mm_per_axis = glm::dvec2(half);
   view.mm_per_depth = half.z;
   const glm::dvec3 scale(1 / half.x, 1 / half.y, -1 / half.z);
   for (int c = 0; c < 3; ++c) view.clip_from_world[c] = glm::dvec4(scale * light_from_world[c], 0);

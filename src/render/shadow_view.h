@@ -12,9 +12,8 @@ struct ShadowView {
   // Orthographic, along the light: what the camera sees of the artwork fills x and y of -1..1, and whatever of the
   // artwork may stand between that and the light lies within z of -1..1, the nearest to the light at -1.
   glm::dmat4 clip_from_world{1.0};
-  double mm_per_unit = 1;     // of the larger of x and y, a unit of clip space
-  glm::dvec2 mm_per_axis{1};  // of x and of y
-  double mm_per_depth = 1;    // a unit of z
+  double mm_per_unit = 1;   // of the larger of x and y, a unit of clip space
+  double mm_per_depth = 1;  // a unit of z
 };
 // light: towards it, of length 1. An artwork that the camera does not see at all gives a view of all of it.
 ShadowView shadowView(const ViewTransform& camera, const Extent& extent, const glm::dvec3& light);
