@@ -148,11 +148,20 @@ std::vector<std::string> briefly(const std::vector<std::string>& defines) {
   return out;
 }
 
+// Where gloss has its normals from.
+const char* glossNormals(const EffectPlan& plan) {
+  if (plan.shade != Basis::kAlbedoNormal) return "fitted to the drawn relief";
+  return plan.mesh ? "the scan's" : "made of the relief";
+}
+
 void print(const PlanOptions& o, const ScenePlan& plan, std::pair<int, int> size) {
   const PlannedScene& whole = plan.whole;
   printOutf("%s, %d x %d px\n", o.file.c_str(), size.first, size.second);
   for (const std::string& light : plan.lights) printOutf("  light     %s\n", light.c_str());
   if (!plan.shading.empty()) printOutf("  shading   %s\n", plan.shading.c_str());
+  if (whole.plan.gloss)
+    printOutf("  gloss     reflectance %g, roughness %g, simulated; normals: %s\n", plan.scene.gloss.reflectance,
+              plan.scene.gloss.roughness, glossNormals(whole.plan));
   for (const std::string& area : plan.areas) printOutf("  average   %s\n", area.c_str());
   if (plan.shares_mib > 0)
     printOutf("  shares    %.1f MiB on the GPU for shares of light and their maps\n", plan.shares_mib);

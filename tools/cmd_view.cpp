@@ -47,6 +47,7 @@ std::string snapshotScene(const ViewOptions& o, const OrbitCamera& camera, const
     s.light = shown.light;
     if (shown.light_size_deg != 0) s.light_size_deg = shown.light_size_deg;
   }
+  s.gloss = shown.gloss;
   s.shading = shown.shading;
   if (shown.wireframe) s.wireframe = true;
   if (shown.overlay) s.show = std::string(shown.overlay->name);

@@ -204,6 +204,15 @@ void SceneOptions::addAppearance(CLI::App& c) {
        "and letters; from the drawn surface, of any artwork with relief; 0 is off")
       ->check(CLI::Range(0.0, 1.0))
       ->capture_default_str();
+  c.add_option("--gloss", gloss.reflectance,
+               "Highlights of the lights on a glossy surface, simulated beside the artwork's own: the share of light "
+               "from straight ahead that it reflects, 0 to 1 (varnish: 0.04); of a PTM by the normals of its relief; "
+               "0 is off")
+      ->check(CLI::Range(0.0, 1.0))
+      ->capture_default_str();
+  c.add_option("--roughness", gloss.roughness, "Of --gloss, from nearly a mirror (0.05) to as good as matt (1)")
+      ->check(CLI::Range(kLeastRoughness, 1.0))
+      ->capture_default_str();
   c.add_option("--page-fade", page_fade_ms, "Blend new pages in over this time, ms; 0 is off")
       ->check(CLI::Range(0.0, 60000.0))
       ->capture_default_str();
@@ -341,6 +350,8 @@ Result<std::optional<SceneFile>> SceneOptions::takeScene(std::string& file, std:
   takeFlag("--no-relief", s.relief ? std::optional(!*s.relief) : std::nullopt, no_relief);
   if (s.geomorph && !given("--geomorph")) geomorph = *s.geomorph ? "on" : "off";
   if (s.exaggerate && !given("--exaggerate")) exaggerate = *s.exaggerate;
+  if (s.gloss.isOn() && !given("--gloss")) gloss.reflectance = s.gloss.reflectance;
+  if (s.gloss.isOn() && !given("--roughness")) gloss.roughness = s.gloss.roughness;
   if (s.ambient_occlusion && !given("--ambient-occlusion")) ambient_occlusion = *s.ambient_occlusion;
   if (s.show && !given("--show")) show = *s.show;
   for (size_t e = 0; e < effects.size(); ++e)
@@ -362,6 +373,7 @@ SceneFile SceneOptions::sceneFile(const std::string& artwork) const {
   if (no_relief) s.relief = false;
   if (unlit) s.unlit = true;
   if (shadows) s.shadows = true;
+  s.gloss = gloss;
   if (ambient_occlusion != 0) s.ambient_occlusion = ambient_occlusion;
   if (geomorph == "on") s.geomorph = true;
   if (exaggerate != 1) s.exaggerate = exaggerate;
@@ -421,6 +433,7 @@ Result<Scene> SceneOptions::scene() const {
   s.relight = !no_relight;
   s.unlit = unlit;
   s.shadows = shadows;
+  s.gloss = gloss;
   s.ambient_occlusion.strength = ambient_occlusion;
   s.sampling = sampling == "bilinear"      ? Sampling::kBilinear
                : sampling == "nearest"     ? Sampling::kNearest

@@ -24,6 +24,7 @@ struct SceneOptions {
                                                                                      sampling = "trilinear";
   bool no_relief = false, no_relight = false, unlit = false, wireframe = false, shadows = false;
   double light_size_deg = 0, ambient_occlusion = 0;
+  Gloss gloss;
   double exaggerate = 1, error_px = 1, least_cell = 2, detail_bias = 0, page_fade_ms = 0, cache_mib = 256;
   // For what moves; a picture alone is better off without: fewer triangles, and no memory of other views.
   std::string geomorph = "off";

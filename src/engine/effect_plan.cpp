@@ -27,7 +27,8 @@ EffectPlan planEffects(const Scene& scene, const Manifest& manifest) {
     plan.lights = static_cast<int>(lights.size());
     plan.near_lights = nearCount(lights);
   }
-  plan.relight = lit && (scene.relight || plan.lights > 0);
+  plan.gloss = scene.gloss.isOn() && lit && (plan.relief || format.basis == Basis::kAlbedoNormal);
+  plan.relight = lit && (scene.relight || plan.lights > 0 || plan.gloss);
   plan.resolve = lit && !plan.relight;
   plan.shade = plan.relight ? format.basis : Basis::kColour;
   if (shaded) {
@@ -113,6 +114,7 @@ gl::Defines EffectPlan::defines() const {
     if (const std::string_view file = describe(shade).functions_file; !file.empty())
       d.emplace_back("BASIS_FILES", "\"" + std::string(file) + "\"");
   }
+  if (gloss) d.emplace_back("GLOSS_FILES", "\"gloss.glsl\"");
   if (ambient_occlusion) d.emplace_back("OCCLUSION_FILES", "\"ambient_occlusion.glsl\"");
   if (filter == Filter::kFast) d.emplace_back("FAST_FILTER", "1");
   for (auto& define : effectDefines(tones, overlay)) d.push_back(std::move(define));

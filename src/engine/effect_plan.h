@@ -8,6 +8,7 @@
 #include <vector>
 
 #include "src/engine/effects/ambient_occlusion.h"
+#include "src/engine/effects/gloss.h"
 #include "src/engine/effects/lights.h"
 #include "src/engine/effects/pixel_effect.h"
 #include "src/engine/effects/relief_shading.h"
@@ -45,6 +46,9 @@ struct Scene {
   // The relief casts shadows on itself, where it is displaced and lit, in each light that is far away: near lights cast
   // none. Over a PTM they are simulated beside those that were measured.
   bool shadows = false;
+  // Highlights under its lights, simulated beside the artwork's own (effects/gloss.h), where there is light and, over a
+  // PTM, relief.
+  Gloss gloss;
   // Places of the relief that see little of the sky are darker (effects/ambient_occlusion.h), where it is displaced.
   AmbientOcclusion ambient_occlusion;
   // The relief's slope, curvature or depth, in the place of colour and light (effects/relief_shading.h): there is no
@@ -98,7 +102,8 @@ struct EffectPlan {
   bool fade = false, wireframe = false;
   // Shadows of lights that are far away; does one of these have a size; is the share of sky computed?
   bool shadows = false, soft_shadows = false, ambient_occlusion = false;
-  int samples = 1;  // 1, 4 or 8; with 1 there is no pass that averages
+  bool gloss = false;  // each pixel's light is evaluated then, also where it is fixed
+  int samples = 1;     // 1, 4 or 8; with 1 there is no pass that averages
   Filter filter = Filter::kExact;
   std::vector<const PixelEffect*> tones;  // the effects that change something, in the registry's order
   const PixelEffect* overlay = nullptr;
@@ -106,7 +111,7 @@ struct EffectPlan {
   bool casts() const { return shadows || ambient_occlusion; }  // the geometry is drawn as something else sees it, too
   bool madeOfRelief() const { return shading != ReliefShading::Kind::kNone && !mesh; }  // the one texture plane
   // The shading needs a copy of the surface's depth: each pixel's place.
-  bool keepsDepth() const { return near_lights > 0 || drawsNormals() || placesAlone(); }
+  bool keepsDepth() const { return near_lights > 0 || gloss || drawsNormals() || placesAlone(); }
   bool drawsNormals() const { return mesh && shading == ReliefShading::Kind::kCurvature; }  // before it shades
   bool placesAlone() const { return mesh && shading == ReliefShading::Kind::kDepth; }       // no page of a texture
   bool lit() const { return relight || resolve; }  // does the light change the picture?

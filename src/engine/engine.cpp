@@ -507,7 +507,7 @@ struct Engine::Impl {
     surface.bind(program, 4);
   }
 
-  // After updateSurface(): near lights, and depth and curvature of a scan, need each pixel's place.
+  // After updateSurface(): near lights, gloss, and depth and curvature of a scan, need each pixel's place.
   void keepDepth() {
     if (!plan.keepsDepth() || (kept_depth && kept_depth_of == surface_drawn)) return;
     if (!kept_depth) kept_depth = std::make_unique<KeptDepth>();
@@ -519,17 +519,20 @@ struct Engine::Impl {
       completed_shading = {scene.shading, completed(scene.shading, artwork.manifest)};
     return completed_shading->second;
   }
-  // Lights, or what is shown in their place; for the shading program in use.
+  // Lights, with gloss, or what is shown in their place; for the shading program in use.
   void setLights(const gl::Program& program) const {
     const bool shaded = plan.shading != ReliefShading::Kind::kNone;
-    if (plan.lights == 0 && !shaded) return;
+    if (plan.lights == 0 && !shaded && !plan.gloss) return;
     const glm::dvec3& eye_mm = drawn.view.eye_mm;
     const glm::dmat4 eye_from_pixel =
         glm::inverse(glm::translate(sampleView().clip_from_world, eye_mm)) * clipFromPixel(surface.depthMode());
-    setNamedUniforms(program, shaded ? shadingUniforms(completedShading(), artwork.manifest, eye_mm, eye_from_pixel,
-                                                       surface.depthMode().farPlane())
-                                     : lightUniforms(lightsInSpace(drawn.view), plan.format(artwork.manifest), eye_mm,
-                                                     eye_from_pixel));
+    if (shaded)
+      setNamedUniforms(program, shadingUniforms(completedShading(), artwork.manifest, eye_mm, eye_from_pixel,
+                                                surface.depthMode().farPlane()));
+    if (plan.lights > 0)
+      setNamedUniforms(program,
+                       lightUniforms(lightsInSpace(drawn.view), plan.format(artwork.manifest), eye_mm, eye_from_pixel));
+    if (plan.gloss) setNamedUniforms(program, glossUniforms(scene.gloss, drawn.view, eye_from_pixel));
     if (kept_depth) kept_depth->bind(program, kKeptDepthUnit);
     if (normals) normals->bind(program, kNormalsUnit);
   }
@@ -908,6 +911,7 @@ Result<void> Engine::setScene(const Scene& scene) {
     now.relief = e.scene.relief;
     now.relight = e.scene.relight;
     now.lights = e.scene.lights;
+    now.gloss = e.scene.gloss;
     now.unlit = e.scene.unlit;
     now.exaggerate = e.scene.exaggerate;
     now.shading = e.scene.shading;

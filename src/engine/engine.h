@@ -73,8 +73,8 @@ class Engine {
   void setCamera(const OrbitCamera& camera);
   const OrbitCamera& camera() const;
   // Links another shader or streams other planes where the effect plan asks for it. Never waits: where a scene needs
-  // other planes, its relief, relight, lights, exaggerate and shading show as soon as the roots of those planes are
-  // resident (settle() waits for them).
+  // other planes, its relief, relight, lights, gloss, exaggerate and shading show as soon as the roots of those planes
+  // are resident (settle() waits for them).
   Result<void> setScene(const Scene& scene);
   const Scene& scene() const;
   const EffectPlan& plan() const;

@@ -495,6 +495,10 @@ TEST_F(Cli, SoftLightIsInThePlan) {
   EXPECT_NE(plan.find("a light of 4 degrees: 64 directions"), std::string::npos) << plan;
   EXPECT_NE(plan.find("the sky, strength 0.5: 64 directions"), std::string::npos) << plan;
   EXPECT_NE(plan.find("soft shadow"), std::string::npos) << plan;
+  const std::string glossy = relievo("plan --no-measure " + file("scene.json") + " --gloss 0.04").output;
+  EXPECT_NE(glossy.find("reflectance 0.04, roughness 0.3, simulated; normals: fitted to the drawn relief"),
+            std::string::npos)
+      << glossy;
   EXPECT_NE(plan.find("OCCLUSION_FILES"), std::string::npos) << plan;
   EXPECT_EQ(plan,
             relievo("plan --no-measure " + file("coin.relievo") + " --shadows --light-size 4 --ambient-occlusion 0.5")

@@ -54,6 +54,7 @@ TEST(SceneFiles, ComeBackAsTheyWereWritten) {
     if (some()) s.shadows = some();
     if (s.lights.empty() && some()) s.light_size_deg = number(0, 90);
     if (some()) s.ambient_occlusion = number(0, 1);
+    if (some()) s.gloss = {number(0.01, 1), number(0.05, 1)};
     if (some()) s.relief = some();
     if (some()) s.unlit = some();
     if (some()) s.exaggerate = number(-1e4, 1e4);
@@ -94,6 +95,8 @@ TEST(SceneFiles, AreRefusedNamingWhatIsWrong) {
       {kHead + R"(, "lights": [{"position_mm": [0, 0, 1], "size_deg": 1}]})", "'lights[0].size_deg' needs"},
       {kHead + R"(, "light": {"size_deg": 91}})", "from 0 to 90 for 'light.size_deg'"},
       {kHead + R"(, "light": {"size_deg": 1}, "lights": [{}]})", "give each of them a size_deg"},
+      {kHead + R"(, "gloss": {"roughness": 0.5}})", "'gloss.roughness' needs 'gloss.reflectance'"},
+      {kHead + R"(, "gloss": {"reflectance": 1, "roughness": 0}})", "from 0.05 to 1 for 'gloss.roughness'"},
       {kHead + R"(, "effects": {"ambient_occlusion": 2}})", "from 0 to 1 for 'effects.ambient_occlusion'"},
       {kHead + R"(, "lights": [{"intensity": -1}]})", "from 0 to 1000 for 'lights[0].intensity'"},
       {kHead + R"(, "lights": [{"towards": [0, 0, 0]}]})", "direction is zero in 'lights[0]'"},
@@ -250,8 +253,9 @@ TEST(ScenePlan, NamesWhatIsOnAndNothingElse) {
   lit.relief = lit.shadows = true;
   lit.lights[0].size_deg = 2;
   lit.ambient_occlusion.strength = 0.5;
+  lit.gloss.reflectance = 0.1;
   EXPECT_EQ(partNames(lit, raised),
-            (std::vector<std::string>{"relief", "light", "shadows", "soft shadows", "ambient occlusion"}));
+            (std::vector<std::string>{"relief", "light", "shadows", "soft shadows", "gloss", "ambient occlusion"}));
   // A shading stands in the place of light, and is one part.
   Scene shaded = plain;
   shaded.shading.kind = ReliefShading::Kind::kSlope;

@@ -199,11 +199,27 @@ Json jsonOf(const ReliefShading& s) {
   return json;
 }
 
+// A gloss as it is written.
+struct GlossMembers {
+  std::optional<double> reflectance, roughness;
+};
+
+JsonMember glossMember(GlossMembers& to) {
+  JsonMember roughness =
+      numberMember("roughness", "From nearly a mirror to as good as matt [0.3]", kLeastRoughness, 1, to.roughness);
+  roughness.beside = "reflectance";
+  return objectMember(
+      "gloss", "Highlights under the lights, simulated beside the artwork's own",
+      {numberMember("reflectance", "Of light from straight ahead; varnish: 0.04; 0: no gloss", 0, 1, to.reflectance),
+       std::move(roughness)});
+}
+
 // What a scene's members are read into before they become the scene's.
 struct SceneParts {
   std::string about;
   std::vector<std::optional<double>> values;  // of the effects' parameters
   LightList lights;
+  GlossMembers gloss;
   ShadingMembers shading;
 };
 
@@ -225,6 +241,7 @@ JsonMembers sceneMembers(SceneFile& s, SceneParts& parts) {
                             "has its own",
                             0, kMaxLightSizeDeg, s.light_size_deg)}),
           lightsMember(parts.lights),
+          glossMember(parts.gloss),
           shadingMember(parts.shading),
           objectMember("surface", "What of the artwork is shown",
                        {boolMember("relief", "Its heights", s.relief),
@@ -264,6 +281,8 @@ Result<SceneFile> parseScene(const std::string& text, const std::string& name) {
   if (const std::string problem = problemOf(parts.shading); !problem.empty())
     return invalid(problem, kSceneFormat.hint);
   scene.shading = shadingOf(parts.shading);
+  scene.gloss.reflectance = parts.gloss.reflectance.value_or(scene.gloss.reflectance);
+  scene.gloss.roughness = parts.gloss.roughness.value_or(scene.gloss.roughness);
   if (scene.light && !scene.lights.empty())
     return invalid("'light.towards' is one light and 'lights' are others", "leave out one of them");
   if (scene.light_size_deg && !scene.lights.empty())
@@ -336,6 +355,7 @@ std::string sceneText(const SceneFile& s) {
                                {"picture", picture}})
     if (!object.empty()) json[name] = object;
   for (const SceneLight& one : s.lights) json["lights"].push_back(jsonOf(one));
+  if (s.gloss.isOn()) json["gloss"] = {{"reflectance", s.gloss.reflectance}, {"roughness", s.gloss.roughness}};
   if (s.shading.isOn()) json["shading"] = jsonOf(s.shading);
   if (!(s.settings == DrawSettings{})) {
     Json settings = Json::parse(settingsText(s.settings, ""));

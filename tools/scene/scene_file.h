@@ -46,6 +46,7 @@ struct SceneFile {
   std::optional<std::array<double, 3>> light;  // towards it; of any length above 0
   std::optional<double> light_size_deg;        // its angular diameter, for shadows
   std::vector<SceneLight> lights;              // in its place; empty: there are none
+  Gloss gloss;                                 // usually none
   ReliefShading shading;                       // in the place of colour and light; usually none
   std::optional<bool> light_fixed;             // resolved once a page
   std::optional<bool> shadows;                 // cast by the relief on itself
