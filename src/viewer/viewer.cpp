@@ -202,6 +202,8 @@ Scene ViewLoop::sceneAt(double now) {
   wanted.light = control_.view().light;
   if (const SceneLight* turned = firstFarLight(wanted.lights))
     wanted.lights[static_cast<size_t>(turned - wanted.lights.data())].place = wanted.light;
+  if (!control_.occlusion) wanted.ambient_occlusion = {};
+  else if (!wanted.ambient_occlusion.isOn()) wanted.ambient_occlusion.strength = kUsualOcclusion;
   wanted.wireframe = control_.wireframe;
   wanted.overlay = control_.show_pages ? &kPagesEffect : overlay == &kPagesEffect ? nullptr : overlay;
   return wanted;
@@ -323,6 +325,7 @@ Result<void> runViewer(Artwork artwork, const ViewerOptions& options) {
   start.camera = *camera;
   ViewControl control(extent, start, window.width(), window.height(),
                       {[&](double x, double y) { return engine.surfacePoint(x, y); }});
+  control.occlusion = options.scene.ambient_occlusion.isOn();
   control.wireframe = options.scene.wireframe;
   control.show_pages = options.scene.overlay == &kPagesEffect;
 

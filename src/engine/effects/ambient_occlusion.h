@@ -30,6 +30,8 @@ namespace relievo {
 // Of a settled picture. Of a scan half of them lie behind a place.
 inline constexpr int kSkyDirectionsOfFlat = 64, kSkyDirectionsOfScan = 128;
 
+inline constexpr double kUsualOcclusion = 0.8;  // strength, where it is only switched on
+
 struct AmbientOcclusion {
   double strength = 0;  // 0..1; 0: none
   bool isOn() const { return strength > 0; }
