@@ -83,9 +83,8 @@ void noteShares(ScenePlan& plan, bool flat, std::pair<int, int> size) {
     plan.areas.emplace_back(text);
   }
   if (of.ambient_occlusion) {
-    std::snprintf(text, sizeof text, "the sky, strength %g: %d directions, a moving camera draws %d",
-                  plan.scene.ambient_occlusion.strength, flat ? kSkyDirectionsOfFlat : kSkyDirectionsOfScan,
-                  kMovingSky);
+    std::snprintf(text, sizeof text, "the sky, strength %g: %d directions, a moving camera draws none",
+                  plan.scene.ambient_occlusion.strength, flat ? kSkyDirectionsOfFlat : kSkyDirectionsOfScan);
     plan.areas.emplace_back(text);
   }
   plan.shares_mib =

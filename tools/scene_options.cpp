@@ -201,7 +201,7 @@ void SceneOptions::addAppearance(CLI::App& c) {
   c.add_option(
        "--ambient-occlusion", ambient_occlusion,
        "Strength from 0 to 1 by which places of the relief are darker that see little of the sky, such as joints "
-       "and letters; from the drawn surface, of any artwork with relief; 0 is off")
+       "and letters; from the drawn surface, of any artwork with relief, once the camera stands still; 0 is off")
       ->check(CLI::Range(0.0, 1.0))
       ->capture_default_str();
   c.add_option("--gloss", gloss.reflectance,

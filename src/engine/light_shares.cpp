@@ -28,7 +28,7 @@ uint32_t LightShares::addDirections(size_t caster, std::span<const glm::dvec3> d
                       : flat ? ShadowPass::Weight::kCosineOverDark
                              : ShadowPass::Weight::kCosine;
   casters_[caster].map.reset();
-  uint32_t passes = 1;
+  uint32_t passes = 0;
   for (size_t at = 0; at < directions.size(); at += ShadowPass::kDirectionsAPass, ++passes) {
     const auto part = directions.subspan(at, std::min(ShadowPass::kDirectionsAPass, directions.size() - at));
     std::vector<ShadowPass::Direction> some;
@@ -42,7 +42,6 @@ uint32_t LightShares::addDirections(size_t caster, std::span<const glm::dvec3> d
     pass_.addDirections(caster, some, first && at == 0, weight, drawing.programs->shadow_sum, *drawing.surface,
                         *drawing.screen, wanted.surface.clip_from_world, wanted.view->eye_mm);
   }
-  pass_.takeMean(caster, drawing.programs->shadow_mean, *drawing.screen);
   return passes;
 }
 
@@ -66,15 +65,20 @@ uint32_t LightShares::update(const Wanted& wanted, Directions directions, const 
     const int count = static_cast<int>(caster.all.size());
     if (count == 0 || directions == Directions::kFew) {
       if (same) continue;
-      passes += sky ? addDirections(c, skyDirections(flat, kMovingSky), true, wanted, drawing)
-                    : hardShadow(c, key, wanted, drawing);
+      if (sky) pass_.clearShare(c);
+      else passes += hardShadow(c, key, wanted, drawing);
       continue;
     }
+    if (!same && sky) pass_.clearShare(c);
     const int more = std::min(count - caster.in, directions == Directions::kAll ? count : kDirectionsAtATime);
     if (more == 0) continue;
     passes += addDirections(c, std::span(caster.all).subspan(static_cast<size_t>(caster.in), static_cast<size_t>(more)),
                             caster.in == 0, wanted, drawing);
     caster.in += more;
+    if (!sky || caster.in >= kLeastSky) {
+      pass_.takeMean(c, drawing.programs->shadow_mean, *drawing.screen);
+      ++passes;
+    }
   }
   return passes;
 }

@@ -2,9 +2,10 @@
 // while the surface and the lights are the same, and refined direction by direction where a light has a size
 // (effects/soft_shadows.h) and of the sky (effects/ambient_occlusion.h).
 //
-// While things move a light counts as its middle, whose shadow is hard, and the sky as kMovingSky directions. A view
-// that stands still gets the directions of the settled picture, some at a time, and starts with none of the moving
-// ones: the settled picture does not depend on what was drawn before. Needs a current GL context.
+// While things move a light counts as its middle, whose shadow is hard, and all of the sky is seen from everywhere: a
+// few directions of it would show as so many shadows. A view that stands still gets the directions of the settled
+// picture, some at a time; the sky shows from kLeastSky of them on. The settled picture does not depend on what was
+// drawn before. Needs a current GL context.
 #pragma once
 
 #include <functional>
@@ -19,7 +20,7 @@
 
 namespace relievo {
 
-inline constexpr int kMovingSky = 4;          // directions: a power of two
+inline constexpr int kLeastSky = 32;          // directions
 inline constexpr int kDirectionsAtATime = 8;  // of each caster, for a view that stands still
 
 struct CastingLight {

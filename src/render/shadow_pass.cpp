@@ -160,6 +160,13 @@ void ShadowPass::addDirections(size_t caster, std::span<const Direction> directi
   screen.draw(false);
 }
 
+void ShadowPass::clearShare(size_t caster) const {
+  beginShare(caster);
+  const std::array<float, 4> whole{1, 1, 1, 1};
+  glClearBufferfv(GL_COLOR, 0, whole.data());
+  glColorMask(GL_TRUE, GL_TRUE, GL_TRUE, GL_TRUE);
+}
+
 void ShadowPass::takeMean(size_t caster, const gl::Program& program, const ScreenPass& screen) const {
   program.use();
   glActiveTexture(GL_TEXTURE0);

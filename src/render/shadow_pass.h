@@ -51,6 +51,8 @@ class ShadowPass {
   void addDirections(size_t caster, std::span<const Direction> directions, bool first, Weight weight,
                      const gl::Program& program, const SurfaceTarget& surface, const ScreenPass& screen,
                      const glm::dmat4& camera_clip_from_world, const glm::dvec3& eye_mm);
+  // All of the caster's light reaches every pixel.
+  void clearShare(size_t caster) const;
   // The mean of the directions so far becomes the caster's share (shaders/shadow_mean.frag).
   void takeMean(size_t caster, const gl::Program& program, const ScreenPass& screen) const;
   // For shade.frag with SHADOWS: the shares of light, to texture unit `unit`.
