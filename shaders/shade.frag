@@ -3,7 +3,7 @@
 // planes read. SHADING: of shading.h. Of a linear basis (shadingDefines() of src/render/picture_target.h) COEFFICIENTS
 // is how many there are; TERMS is TERM(plane, channel, coefficient, colour) for each channel that holds one; COLOUR, of
 // a luminance, is CHANNEL(plane, channel) of red, green and blue. LIGHTS, LIGHT_FILES: lights.glsl shades; SHADING_FILES:
-// relief_shading.glsl does. NO_PAGES: there is no plane to read (PLANES is 1). NORMALS_OUT: of a scan the
+// relief_shading.glsl does. OCCLUSION_FILES: ambient_occlusion.glsl darkens. GLOSS_FILES: gloss.glsl adds highlights. NO_PAGES: there is no plane to read (PLANES is 1). NORMALS_OUT: of a scan the
 // filtered normal is written.
 #include "shading.h"
 #include "texture_lookup.glsl"
@@ -283,6 +283,7 @@ vec3 underLight(vec3 channels[PLANES], vec3 light, float share) {
 #include LIGHT_FILES
 #ifndef NORMALS_OUT
 #include SHADING_FILES
+#include OCCLUSION_FILES
 #endif
 #if !defined(LIGHTS) && !defined(SHADING_FILES)
 vec3 shade(vec3 channels[PLANES]) {
@@ -307,6 +308,7 @@ vec3 shade(vec3 channels[PLANES]) {
 #endif
 }
 #endif
+#include GLOSS_FILES
 
 #ifdef EFFECT_FILES
 // What effects know of a pixel beside its colour and the surface's v_...: texture levels, 0 the root's.
@@ -385,6 +387,12 @@ void main() {
   vec3 colour = shade(channels) / 255.0;
 #if defined(SHADOWS) && SHADING != RV_SHADING_ALBEDO_NORMAL && !defined(LIGHTS)
   colour *= shadeOf(texelFetch(u_light_share, ivec2(gl_FragCoord.xy), 0).r);
+#endif
+#ifdef GLOSS_FILES
+  colour = glossed(colour, channels);
+#endif
+#ifdef OCCLUSION_FILES
+  colour = occluded(colour);
 #endif
 #ifdef EFFECT_FILES
   Shaded at = Shaded(fine, found);

@@ -13,6 +13,7 @@ namespace relievo::shader {
 #define RV_SHADING_COLOURS 2        // such a sum for each of red, green and blue
 #define RV_SHADING_ALBEDO_NORMAL 3  // Lambert's law on a display
 
+#define RV_DIRECTIONS 4     // of light, whose shadow maps lie in the quarters of one texture
 #define RV_SHADING_STOPS 9  // colours of a scale of the relief's slope, curvature or depth
 
 RV_REAL kAmbientShare = 0.04;  // of the light that falls on a scan

@@ -1,19 +1,15 @@
-// shadow.frag - the share of the light that reaches each pixel of the surface, from a map of the surface's depths as
-// the light sees it (src/render/shadow_pass.h).
-uniform sampler2D u_depth;  // of the surface buffer
-uniform vec2 u_seen;        // something is seen where depth lies between these two
-uniform sampler2D u_shadow_map;
+// shadow.frag - the share of the light that reaches each pixel of the surface (src/render/shadow_pass.h).
+#include "shadow_map.glsl"
+
 uniform mat4 u_map_from_pixel;  // from a pixel's place and depth, 0..1, to texels of the map and its depth
 uniform vec4 u_shadow;  // texels a side of the map; 1 where a larger depth is nearer to the light, else -1; bias; -
 
 out vec4 o_light;
 
 bool placeAt(ivec2 pixel, out vec3 place) {
-  ivec2 size = textureSize(u_depth, 0);
-  if (pixel.x < 0 || pixel.y < 0 || pixel.x >= size.x || pixel.y >= size.y) return false;
-  float depth = texelFetch(u_depth, pixel, 0).r;
-  if (depth <= u_seen.x || depth >= u_seen.y) return false;
-  vec4 p = u_map_from_pixel * vec4((vec2(pixel) + 0.5) / vec2(size), depth, 1.0);
+  float depth;
+  if (!depthAt(pixel, depth)) return false;
+  vec4 p = u_map_from_pixel * vec4((vec2(pixel) + 0.5) / vec2(textureSize(u_depth, 0)), depth, 1.0);
   place = p.xyz / p.w;
   return true;
 }
@@ -31,24 +27,6 @@ void main() {
   o_light = vec4(1.0);
   vec3 here;
   if (!placeAt(pixel, here)) return;
-  // The plane of the surface at the pixel, as depth over the map: each of the map's texels is compared with that.
   vec3 dx = along(pixel, ivec2(1, 0), here), dy = along(pixel, ivec2(0, 1), here);
-  float area = dx.x * dy.y - dx.y * dy.x;
-  vec2 slope = vec2(0.0);
-  if (abs(area) > 1e-6) slope = vec2(dx.z * dy.y - dy.z * dx.y, dy.z * dx.x - dx.z * dy.x) / area;
-  // A plane that is steeper than this many biases a texel is seen edge on by the light.
-  slope = clamp(slope, vec2(-8.0 * u_shadow.z), vec2(8.0 * u_shadow.z));
-  vec2 corner = floor(here.xy - 0.5);
-  vec2 f = here.xy - 0.5 - corner;
-  ivec2 last = ivec2(int(u_shadow.x) - 1);
-  float light = 0.0;
-  for (int k = 0; k < 4; ++k) {
-    ivec2 step = ivec2(k & 1, k >> 1);
-    ivec2 texel = clamp(ivec2(corner) + step, ivec2(0), last);
-    float plane = here.z + dot(slope, vec2(texel) + 0.5 - here.xy);
-    float nearer = (texelFetch(u_shadow_map, texel, 0).r - plane) * u_shadow.y;
-    vec2 weight = mix(1.0 - f, f, vec2(step));
-    if (nearer <= u_shadow.z) light += weight.x * weight.y;
-  }
-  o_light = vec4(light);
+  o_light = vec4(lightAt(here, dx, dy, ivec2(0), ivec2(int(u_shadow.x) - 1), u_shadow.y, u_shadow.z));
 }

@@ -9,7 +9,9 @@
 
 #include "src/base/progress.h"
 #include "src/base/standard_output.h"
+#include "src/engine/effects/soft_shadows.h"
 #include "src/engine/engine.h"
+#include "src/engine/light_shares.h"
 #include "src/gl/context.h"
 #include "tools/artwork_cache.h"
 #include "tools/commands.h"
@@ -40,7 +42,10 @@ struct ScenePlan {
   Scene scene;
   PlannedScene whole;
   std::vector<CostedPart> parts;
-  std::optional<double> frame_ms;  // of a moving camera, at the size
+  std::optional<double> frame_ms;    // of a moving camera, at the size
+  std::optional<double> refined_ms;  // until a still picture has all its samples and directions, if it needs any
+  std::vector<std::string> areas;    // what light comes from in more than one direction
+  double shares_mib = 0;             // memory of the shares of light and sky
   std::string renderer;
   std::string shading;              // its scale; empty: there is none
   std::vector<std::string> lights;  // those that are evaluated for each pixel; none: one white light, or none
@@ -48,8 +53,43 @@ struct ScenePlan {
 
 Result<double> movingFrameMs(Engine& engine, const Scene& scene, const OrbitCamera& camera) {
   if (auto set = engine.setScene(scene); !set) return set.error();
-  if (auto settled = engine.settle(120); !settled) return settled.error();
+  if (auto settled = engine.settle(120, false); !settled) return settled.error();
   return medianOf(movingFramesMs(engine, camera, kTimedFrames));
+}
+
+// From the last frame on.
+double refinedMs(Engine& engine) {
+  const double start = steadyNow();
+  while (!interruptedFlag() && engine.refine(steadyNow())) engine.readPixels();  // which waits for the picture
+  return (steadyNow() - start) * 1000;
+}
+
+// What of the scene is the average of several directions, and the memory that shares of light take.
+void noteShares(ScenePlan& plan, bool flat, std::pair<int, int> size) {
+  const EffectPlan& of = plan.whole.plan;
+  if (!of.casts()) return;
+  std::vector<double> sizes;
+  if (of.shadows && of.lights == 0) sizes.push_back(singleLightSize(plan.scene));
+  if (of.shadows && of.lights > 0)
+    for (const SceneLight& light : shadedLights(plan.scene.lights))
+      if (!light.near) sizes.push_back(light.size_deg);
+  size_t areas = of.ambient_occlusion ? 1 : 0;
+  char text[120];
+  for (const double deg : sizes) {
+    if (deg == 0) continue;
+    ++areas;
+    std::snprintf(text, sizeof text, "a light of %g degrees: %d directions, a moving camera draws 1", deg,
+                  kLightDirections);
+    plan.areas.emplace_back(text);
+  }
+  if (of.ambient_occlusion) {
+    std::snprintf(text, sizeof text, "the sky, strength %g: %d directions, a moving camera draws none",
+                  plan.scene.ambient_occlusion.strength, flat ? kSkyDirectionsOfFlat : kSkyDirectionsOfScan);
+    plan.areas.emplace_back(text);
+  }
+  plan.shares_mib =
+      static_cast<double>(ShadowPass::bytes(size.first, size.second, sizes.size(), of.ambient_occlusion, areas)) /
+      (1024 * 1024);
 }
 
 // In rounds, the scene with and without each part one after the other, so that what else the machine does meets all.
@@ -75,6 +115,10 @@ Result<void> measure(ScenePlan& plan, const std::shared_ptr<const Package>& pack
       above[k].push_back(*with - *without);
     }
   plan.frame_ms = medianOf(whole);
+  if (!plan.areas.empty() || plan.whole.plan.samples > 1) {
+    if (auto last = movingFrameMs(**engine, plan.scene, camera); !last) return last.error();
+    plan.refined_ms = refinedMs(**engine);
+  }
   for (size_t k = 0; k < plan.parts.size(); ++k) plan.parts[k].ms = medianOf(above[k]);
   return {};
 }
@@ -103,11 +147,23 @@ std::vector<std::string> briefly(const std::vector<std::string>& defines) {
   return out;
 }
 
+// Where gloss has its normals from.
+const char* glossNormals(const EffectPlan& plan) {
+  if (plan.shade != Basis::kAlbedoNormal) return "fitted to the drawn relief";
+  return plan.mesh ? "the scan's" : "made of the relief";
+}
+
 void print(const PlanOptions& o, const ScenePlan& plan, std::pair<int, int> size) {
   const PlannedScene& whole = plan.whole;
   printOutf("%s, %d x %d px\n", o.file.c_str(), size.first, size.second);
   for (const std::string& light : plan.lights) printOutf("  light     %s\n", light.c_str());
   if (!plan.shading.empty()) printOutf("  shading   %s\n", plan.shading.c_str());
+  if (whole.plan.gloss)
+    printOutf("  gloss     reflectance %g, roughness %g, simulated; normals: %s\n", plan.scene.gloss.reflectance,
+              plan.scene.gloss.roughness, glossNormals(whole.plan));
+  for (const std::string& area : plan.areas) printOutf("  average   %s\n", area.c_str());
+  if (plan.shares_mib > 0)
+    printOutf("  shares    %.1f MiB on the GPU for shares of light and their maps\n", plan.shares_mib);
   printOutf("  passes    %s\n", joined(whole.passes, ", ").c_str());
   for (const PlannedPlane& p : whole.planes)
     printOutf("  plane     %-10s %7.1f KiB a page in the package, %5.1f KiB on the GPU\n", p.name.c_str(),
@@ -115,15 +171,18 @@ void print(const PlanOptions& o, const ScenePlan& plan, std::pair<int, int> size
   printOutf("  shader    %s\n", joined(briefly(whole.defines), ", ").c_str());
   if (plan.frame_ms)
     printOutf("  frame     %.1f ms while the camera moves (%s)\n", *plan.frame_ms, plan.renderer.c_str());
+  if (plan.refined_ms)
+    printOutf("  picture   %.0f ms more until it has all samples and directions, once the camera stands still\n",
+              *plan.refined_ms);
   if (plan.parts.empty()) return printOutf("nothing in it can be left out\n");
-  printOutf("%-14s %9s %9s %9s  %s\n", "what adds", "ms", "KiB read", "KiB GPU", "planes, passes and defines");
+  printOutf("%-17s %9s %9s %9s  %s\n", "what adds", "ms", "KiB read", "KiB GPU", "planes, passes and defines");
   for (const CostedPart& c : plan.parts) {
     std::vector<std::string> what = added(planeNames(whole), planeNames(c.without));
     for (const auto& list : {added(whole.passes, c.without.passes), briefly(added(whole.defines, c.without.defines))})
       what.insert(what.end(), list.begin(), list.end());
     char ms[24] = "-";
     if (c.ms) std::snprintf(ms, sizeof ms, "%.1f", *c.ms);
-    printOutf("%-14s %9s %9.1f %9.1f  %s\n", c.part.name.c_str(), ms,
+    printOutf("%-17s %9s %9.1f %9.1f  %s\n", c.part.name.c_str(), ms,
               (whole.storedBytes() - c.without.storedBytes()) / 1024,
               (static_cast<double>(whole.loadedBytes()) - static_cast<double>(c.without.loadedBytes())) / 1024,
               joined(what, ", ").c_str());
@@ -143,6 +202,9 @@ std::string planJson(const PlanOptions& o, const ScenePlan& plan, std::pair<int,
   json["width_px"] = size.first;
   json["height_px"] = size.second;
   json["frame_ms"] = plan.frame_ms ? nlohmann::ordered_json(*plan.frame_ms) : nlohmann::ordered_json();
+  json["refined_ms"] = plan.refined_ms ? nlohmann::ordered_json(*plan.refined_ms) : nlohmann::ordered_json();
+  json["averages"] = plan.areas;
+  json["shares_mib"] = plan.shares_mib;
   json["renderer"] = plan.renderer;
   json["lights"] = plan.lights;
   json["shading"] = plan.shading;
@@ -174,7 +236,8 @@ Result<void> plan(PlanOptions& o) {
   const Manifest& manifest = artwork->package->manifest();
   if (const std::string problem = sceneProblem(*scene, manifest); !problem.empty())
     return Error{ErrorKind::kUsage, o.file, problem, "", {}};
-  ScenePlan plan{*scene, {}, {}, {}, {}, {}, {}};
+  ScenePlan plan;
+  plan.scene = *scene;
   auto whole = planScene(*scene, *artwork->package);
   if (!whole) return whole.error();
   plan.whole = std::move(*whole);
@@ -190,6 +253,7 @@ Result<void> plan(PlanOptions& o) {
     plan.parts.push_back({std::move(part), std::move(*without), {}});
   }
   const std::pair<int, int> px{static_cast<int>(size->first), static_cast<int>(size->second)};
+  noteShares(plan, manifest.domain.isFlat(), px);
   if (o.measure) {
     auto camera = o.scene.camera(artworkExtent(manifest, scene->relief ? scene->exaggerate : 0), px.first, px.second);
     if (!camera) return camera.error();

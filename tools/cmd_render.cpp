@@ -112,6 +112,15 @@ Result<void> takeFiles(RenderOptions& o) {
   return o.scene.takeSettings();
 }
 
+// Of effects that the scene asks for and this artwork has no use for.
+void warnOfNothing(const Scene& scene, const EffectPlan& plan) {
+  if (scene.shading.isOn()) return;
+  if (scene.ambient_occlusion.isOn() && !plan.ambient_occlusion)
+    warn("--ambient-occlusion changes nothing: no relief is shown");
+  if (scene.gloss.isOn() && !plan.gloss)
+    warn(std::string("--gloss changes nothing: ") + (scene.unlit ? "there is no light" : "no relief is shown"));
+}
+
 Result<void> render(RenderOptions& o) {
   double start = steadyNow();
   HeapWarmer heap(kFirstPictureBytes);
@@ -170,6 +179,8 @@ Result<void> render(RenderOptions& o) {
     warn(std::string(scene->lights.empty() ? "--light changes" : "lights change") + " nothing: an image " +
          (package->manifest().domain.relief_depth < 0 ? "without a height map" : "without its relief") +
          " is shown unlit");
+
+  warnOfNothing(*scene, e.plan());
 
   if (!o.stats_file.empty()) {
     auto stats = nlohmann::ordered_json::parse(engineStatsJson(e.stats(), e.manifest()));

@@ -41,8 +41,15 @@ std::string snapshotScene(const ViewOptions& o, const OrbitCamera& camera, const
               {},
               camera.orthographic ? std::optional(true) : std::nullopt,
               std::array{target.x, target.y, target.z}};
-  if (shown.lights.empty()) s.light = shown.light;
-  else s.lights = shown.lights;
+  if (!shown.lights.empty()) {
+    s.lights = shown.lights;
+  } else {
+    s.light = shown.light;
+    if (shown.light_size_deg != 0) s.light_size_deg = shown.light_size_deg;
+  }
+  s.ambient_occlusion.reset();
+  if (shown.ambient_occlusion.isOn()) s.ambient_occlusion = shown.ambient_occlusion.strength;
+  s.gloss = shown.gloss;
   s.shading = shown.shading;
   if (shown.wireframe) s.wireframe = true;
   if (shown.overlay) s.show = std::string(shown.overlay->name);
@@ -109,7 +116,7 @@ void addViewCommand(CLI::App& app, CommandContext& context) {
       "Left drag turns about the point under the mouse, middle drag (or Shift + left drag) moves it, the wheel zooms "
       "to it; the eye\n"
       "stays outside of the artwork. Right drag (or L held) moves the light, of several the first that is far away. O "
-      "goes over to\nan orthographic view and back. R resets, "
+      "goes over to\nan orthographic view and back. R resets, A ambient occlusion, "
       "W wireframe, P pages, S writes a snapshot and its scene into the current folder, F1 help, F2 figures, Esc "
       "quits. Without a "
       "display, use relievo render.\n\n"

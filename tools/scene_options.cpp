@@ -11,6 +11,7 @@
 #include "src/base/file.h"
 #include "src/base/json_parse.h"
 #include "src/base/progress.h"
+#include "src/engine/effects/soft_shadows.h"
 #include "tools/commands.h"
 #include "tools/scene/settings_file.h"
 
@@ -117,6 +118,12 @@ void SceneOptions::addLight(CLI::App& c) {
                "(position_mm) or far away (towards), each with intensity and color; they add up in linear light. "
                "Example: '[{\"towards\":[-1,0,0.3]},{\"position_mm\":[40,0,25],\"color\":[1,0.6,0.3]}]'")
       ->excludes(one);
+  c.add_option(
+       "--light-size", light_size_deg,
+       "Angular diameter of --light, degrees, which makes --shadows soft (the sun: 0.53); of --lights each has a "
+       "size_deg. A camera that moves shows hard ones; 0: they are hard")
+      ->check(CLI::Range(0.0, kMaxLightSizeDeg))
+      ->capture_default_str();
   c.add_flag(
       "--no-relight", no_relight,
       "Fixed light: coefficients are resolved once per page, not per pixel and frame (of --lights the directions "
@@ -191,6 +198,21 @@ void SceneOptions::addAppearance(CLI::App& c) {
                "The relief in the place of colour and light: slope, curvature (ridges light, valleys dark), depth or "
                "none; or in JSON, as a scene's \"shading\" has it, with the scale. --stats and relievo plan say which "
                "value is which colour. Example: '{\"kind\":\"curvature\",\"radius_mm\":0.4}' [none]");
+  c.add_option(
+       "--ambient-occlusion", ambient_occlusion,
+       "Strength from 0 to 1 by which places of the relief are darker that see little of the sky, such as joints "
+       "and letters; from the drawn surface, of any artwork with relief, once the camera stands still; 0 is off")
+      ->check(CLI::Range(0.0, 1.0))
+      ->capture_default_str();
+  c.add_option("--gloss", gloss.reflectance,
+               "Highlights of the lights on a glossy surface, simulated beside the artwork's own: the share of light "
+               "from straight ahead that it reflects, 0 to 1 (varnish: 0.04); of a PTM by the normals of its relief; "
+               "0 is off")
+      ->check(CLI::Range(0.0, 1.0))
+      ->capture_default_str();
+  c.add_option("--roughness", gloss.roughness, "Of --gloss, from nearly a mirror (0.05) to as good as matt (1)")
+      ->check(CLI::Range(kLeastRoughness, 1.0))
+      ->capture_default_str();
   c.add_option("--page-fade", page_fade_ms, "Blend new pages in over this time, ms; 0 is off")
       ->check(CLI::Range(0.0, 60000.0))
       ->capture_default_str();
@@ -314,6 +336,7 @@ Result<std::optional<SceneFile>> SceneOptions::takeScene(std::string& file, std:
   if (target.empty() && c.target_mm) target = tripleText(*c.target_mm);
   if (light.empty() && lights.empty()) {
     if (s.light) light = tripleText(*s.light);
+    if (s.light_size_deg && !given("--light-size")) light_size_deg = *s.light_size_deg;
     scene_lights = s.lights;
   }
   if (shading.empty()) scene_shading = s.shading;
@@ -327,6 +350,9 @@ Result<std::optional<SceneFile>> SceneOptions::takeScene(std::string& file, std:
   takeFlag("--no-relief", s.relief ? std::optional(!*s.relief) : std::nullopt, no_relief);
   if (s.geomorph && !given("--geomorph")) geomorph = *s.geomorph ? "on" : "off";
   if (s.exaggerate && !given("--exaggerate")) exaggerate = *s.exaggerate;
+  if (s.gloss.isOn() && !given("--gloss")) gloss.reflectance = s.gloss.reflectance;
+  if (s.gloss.isOn() && !given("--roughness")) gloss.roughness = s.gloss.roughness;
+  if (s.ambient_occlusion && !given("--ambient-occlusion")) ambient_occlusion = *s.ambient_occlusion;
   if (s.show && !given("--show")) show = *s.show;
   for (size_t e = 0; e < effects.size(); ++e)
     for (size_t i = 0; i < PixelEffect::kMaxParameters; ++i)
@@ -347,6 +373,8 @@ SceneFile SceneOptions::sceneFile(const std::string& artwork) const {
   if (no_relief) s.relief = false;
   if (unlit) s.unlit = true;
   if (shadows) s.shadows = true;
+  s.gloss = gloss;
+  if (ambient_occlusion != 0) s.ambient_occlusion = ambient_occlusion;
   if (geomorph == "on") s.geomorph = true;
   if (exaggerate != 1) s.exaggerate = exaggerate;
   if (samples != 1) s.samples = samples;
@@ -379,12 +407,16 @@ Result<Scene> SceneOptions::scene() const {
     if (!l) return l.error();
     s.light = *l;
   }
+  s.light_size_deg = light_size_deg;
   s.lights = scene_lights;
   if (!lights.empty()) {
     auto parsed = parseLights(lights);
     if (!parsed) return usageError("--lights: " + parsed.error().message, parsed.error().hint);
     s.lights = std::move(*parsed);
   }
+  if (!s.lights.empty() && given("--light-size"))
+    return usageError("--light-size is the size of --light, and there are lights in its place",
+                      "give each of them a size_deg");
   if (!s.lights.empty()) s.light = singleLight(s);
   s.shading = scene_shading;
   if (!shading.empty() && shading != "none") {
@@ -401,6 +433,8 @@ Result<Scene> SceneOptions::scene() const {
   s.relight = !no_relight;
   s.unlit = unlit;
   s.shadows = shadows;
+  s.gloss = gloss;
+  s.ambient_occlusion.strength = ambient_occlusion;
   s.sampling = sampling == "bilinear"      ? Sampling::kBilinear
                : sampling == "nearest"     ? Sampling::kNearest
                : sampling == "anisotropic" ? Sampling::kAnisotropic

@@ -23,6 +23,8 @@ struct SceneOptions {
   std::string scene_file, target, light, lights, state_file, settings_file, shading, show = "none", filter = "exact",
                                                                                      sampling = "trilinear";
   bool no_relief = false, no_relight = false, unlit = false, wireframe = false, shadows = false;
+  double light_size_deg = 0, ambient_occlusion = 0;
+  Gloss gloss;
   double exaggerate = 1, error_px = 1, least_cell = 2, detail_bias = 0, page_fade_ms = 0, cache_mib = 256;
   // For what moves; a picture alone is better off without: fewer triangles, and no memory of other views.
   std::string geomorph = "off";

@@ -27,7 +27,8 @@ EffectPlan planEffects(const Scene& scene, const Manifest& manifest) {
     plan.lights = static_cast<int>(lights.size());
     plan.near_lights = nearCount(lights);
   }
-  plan.relight = lit && (scene.relight || plan.lights > 0);
+  plan.gloss = scene.gloss.isOn() && lit && (plan.relief || format.basis == Basis::kAlbedoNormal);
+  plan.relight = lit && (scene.relight || plan.lights > 0 || plan.gloss);
   plan.resolve = lit && !plan.relight;
   plan.shade = plan.relight ? format.basis : Basis::kColour;
   if (shaded) {
@@ -48,6 +49,10 @@ EffectPlan planEffects(const Scene& scene, const Manifest& manifest) {
   plan.wireframe = scene.wireframe;
   plan.samples = static_cast<int>(samplePattern(scene.samples).size());
   plan.shadows = scene.shadows && plan.relief && plan.lit() && (plan.lights == 0 || plan.lights > plan.near_lights);
+  if (plan.shadows && plan.lights == 0) plan.soft_shadows = singleLightSize(scene) > 0;
+  if (plan.shadows && plan.lights > 0)
+    for (const SceneLight& light : shadedLights(scene.lights)) plan.soft_shadows |= !light.near && light.size_deg > 0;
+  plan.ambient_occlusion = scene.ambient_occlusion.isOn() && plan.relief && !shaded;
   for (const PixelEffect* effect : pixelEffects())
     for (const EffectSetting& setting : scene.effects)
       if (setting.effect == effect && !setting.changesNothing()) plan.tones.push_back(effect);
@@ -109,6 +114,8 @@ gl::Defines EffectPlan::defines() const {
     if (const std::string_view file = describe(shade).functions_file; !file.empty())
       d.emplace_back("BASIS_FILES", "\"" + std::string(file) + "\"");
   }
+  if (gloss) d.emplace_back("GLOSS_FILES", "\"gloss.glsl\"");
+  if (ambient_occlusion) d.emplace_back("OCCLUSION_FILES", "\"ambient_occlusion.glsl\"");
   if (filter == Filter::kFast) d.emplace_back("FAST_FILTER", "1");
   for (auto& define : effectDefines(tones, overlay)) d.push_back(std::move(define));
   return d;
@@ -121,6 +128,8 @@ std::vector<std::string> EffectPlan::passes() const {
   if (wireframe) names.insert(names.begin() + 2, "wireframe");
   if (drawsNormals()) names.insert(names.begin() + 1, "normals");
   if (keepsDepth()) names.insert(names.begin() + 1, "kept depth");
+  if (ambient_occlusion) names.insert(names.begin() + 1, {"sky map", "sky"});
+  if (soft_shadows) names.insert(names.begin() + 1, "soft shadow");
   if (shadows) names.insert(names.begin() + 1, {"shadow map", "shadow"});
   return names;
 }
@@ -156,6 +165,11 @@ bool EffectPlan::samePages(const EffectPlan& other) const {
 std::array<double, 3> singleLight(const Scene& scene) {
   const SceneLight* far = firstFarLight(scene.lights);
   return normalizedLight(far ? far->place : scene.light);
+}
+
+double singleLightSize(const Scene& scene) {
+  const SceneLight* far = firstFarLight(scene.lights);
+  return far ? far->size_deg : scene.light_size_deg;
 }
 
 std::array<double, 3> normalizedLight(const std::array<double, 3>& light) {

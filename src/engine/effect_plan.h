@@ -7,6 +7,8 @@
 #include <string>
 #include <vector>
 
+#include "src/engine/effects/ambient_occlusion.h"
+#include "src/engine/effects/gloss.h"
 #include "src/engine/effects/lights.h"
 #include "src/engine/effects/pixel_effect.h"
 #include "src/engine/effects/relief_shading.h"
@@ -30,6 +32,7 @@ struct Scene {
   // The direction towards the light: x right, y up, z to the viewer of a flat artwork's front; normalised on use. Over
   // a base mesh the light turns with the camera if `relight` is set, and is fixed to the artwork if not.
   std::array<double, 3> light{0, 0, 1};
+  double light_size_deg = 0;  // its angular diameter, for shadows (effects/soft_shadows.h); 0: they are hard
   // In the place of that one white light: up to kMaxLights, near or far away (effects/lights.h). Those far away turn as
   // `light` does; near ones stay where they are. Empty: `light` alone.
   std::vector<SceneLight> lights;
@@ -43,6 +46,11 @@ struct Scene {
   // The relief casts shadows on itself, where it is displaced and lit, in each light that is far away: near lights cast
   // none. Over a PTM they are simulated beside those that were measured.
   bool shadows = false;
+  // Highlights under its lights, simulated beside the artwork's own (effects/gloss.h), where there is light and, over a
+  // PTM, relief.
+  Gloss gloss;
+  // Places of the relief that see little of the sky are darker (effects/ambient_occlusion.h), where it is displaced.
+  AmbientOcclusion ambient_occlusion;
   // The relief's slope, curvature or depth, in the place of colour and light (effects/relief_shading.h): there is no
   // light then, and `unlit` changes nothing.
   ReliefShading shading;
@@ -91,15 +99,19 @@ struct EffectPlan {
   bool resolve = false;            // coefficient pages are resolved to colour under a fixed light, on the workers
   Sampling sampling = Sampling::kTrilinear;
   int anisotropy = 1;
-  bool fade = false, wireframe = false, shadows = false;
-  int samples = 1;  // 1, 4 or 8; with 1 there is no pass that averages
+  bool fade = false, wireframe = false;
+  // Shadows of lights that are far away; does one of these have a size; is the share of sky computed?
+  bool shadows = false, soft_shadows = false, ambient_occlusion = false;
+  bool gloss = false;  // each pixel's light is evaluated then, also where it is fixed
+  int samples = 1;     // 1, 4 or 8; with 1 there is no pass that averages
   Filter filter = Filter::kExact;
   std::vector<const PixelEffect*> tones;  // the effects that change something, in the registry's order
   const PixelEffect* overlay = nullptr;
 
+  bool casts() const { return shadows || ambient_occlusion; }  // the geometry is drawn as something else sees it, too
   bool madeOfRelief() const { return shading != ReliefShading::Kind::kNone && !mesh; }  // the one texture plane
   // The shading needs a copy of the surface's depth: each pixel's place.
-  bool keepsDepth() const { return near_lights > 0 || drawsNormals() || placesAlone(); }
+  bool keepsDepth() const { return near_lights > 0 || gloss || drawsNormals() || placesAlone(); }
   bool drawsNormals() const { return mesh && shading == ReliefShading::Kind::kCurvature; }  // before it shades
   bool placesAlone() const { return mesh && shading == ReliefShading::Kind::kDepth; }       // no page of a texture
   bool lit() const { return relight || resolve; }  // does the light change the picture?
@@ -125,6 +137,7 @@ std::string sceneProblem(const Scene& scene, const Manifest& manifest);
 std::string planeName(Plane plane, Basis basis);
 // Towards the first light that is far away; Scene::light where `lights` has none.
 std::array<double, 3> singleLight(const Scene& scene);
+double singleLightSize(const Scene& scene);  // of that one, degrees
 std::array<double, 3> normalizedLight(const std::array<double, 3>& light);
 
 }  // namespace relievo

@@ -16,6 +16,7 @@
 #include "geometry/lod/mesh_lod.h"
 #include "src/artwork/basis.h"
 #include "src/engine/fault_injection.h"
+#include "src/engine/light_shares.h"
 #include "src/engine/lod_views.h"
 #include "src/engine/prefetch.h"
 #include "src/engine/shading_programs.h"
@@ -31,7 +32,6 @@
 #include "src/render/patch_pass.h"
 #include "src/render/picture_target.h"
 #include "src/render/sample_stack.h"
-#include "src/render/shadow_pass.h"
 #include "src/render/surface_target.h"
 #include "src/render/tail_textures.h"
 #include "texturing/codec/page_codec.h"
@@ -46,8 +46,21 @@ constexpr int kCornersUnit = 6;    // and two more: texture units of the base me
 constexpr int kShadowUnit = 14;    // of the shares of light
 constexpr int kKeptDepthUnit = 6;  // shading programs have no base mesh
 constexpr int kNormalsUnit = 7;
+constexpr int kSkyUnit = 8;
 constexpr uint32_t kReadyLimit =
     256;  // decoded pages that may wait: those of a first view, so that they come while its surface is drawn
+
+// Of what is lower above the horizon of a flat artwork, where a quarter of the sky's light comes from, casters beyond
+// the picture's border are left out.
+constexpr glm::dvec3 kLowSky{0.8660254037844386, 0, 0.5};
+
+// The direction of the light's disc that is nearest to the plane of a flat artwork.
+glm::dvec3 lowestOf(const CastingLight& light) {
+  if (light.size_deg == 0) return light.towards;
+  const double half = glm::radians(light.size_deg / 2), angle = std::acos(std::clamp(light.towards.z, -1.0, 1.0));
+  const double lowest = std::min(angle + half, glm::radians(89.9));
+  return {std::sin(lowest), 0, std::cos(lowest)};
+}
 
 double steadySeconds() {
   return std::chrono::duration<double>(std::chrono::steady_clock::now().time_since_epoch()).count();
@@ -89,14 +102,8 @@ struct Engine::Impl {
   SurfaceTarget surface{{}};
   std::unique_ptr<KeptDepth> kept_depth;  // while the plan keeps depth
   DrawnSurface kept_depth_of;
-  std::unique_ptr<NormalsTarget> normals;   // while the plan draws normals
-  std::unique_ptr<ShadowPass> shadow_pass;  // while the plan has shadows
-  struct ShadowsOf {
-    DrawnSurface surface;  // of the map: through the pixels' centres, whichever sample is drawn
-    glm::dvec3 light{0};
-    friend bool operator==(const ShadowsOf&, const ShadowsOf&) = default;
-  };
-  std::vector<ShadowsOf> shadow_maps_drawn, shadows_drawn;  // of each light that casts shadows
+  std::unique_ptr<NormalsTarget> normals;  // while the plan draws normals
+  std::unique_ptr<LightShares> shares;     // while the plan has shadows or ambient occlusion
   PictureTarget target{{}};
   // Several samples a pixel: their pictures, and how many there are of `sampled`. A change to the scene or the pages
   // resets `sampled`, and with it the picture is one sample again.
@@ -170,12 +177,14 @@ struct Engine::Impl {
       placed.push_back(placedLight(light, worldFromLight(view), *middle));
     return placed;
   }
-  // Towards the lights that cast shadows: those far away, in the shader's order.
-  std::vector<glm::dvec3> castingLights(const ViewTransform& view) const {
-    if (plan.lights == 0) return {lightInSpace(view)};
-    std::vector<glm::dvec3> lights;
-    for (const PlacedLight& light : lightsInSpace(view))
-      if (!light.near) lights.push_back(light.place);
+  // The lights that cast shadows: those far away, in the shader's order.
+  std::vector<CastingLight> castingLights(const ViewTransform& view) const {
+    if (plan.lights == 0) return {{lightInSpace(view), singleLightSize(scene)}};
+    const std::vector<SceneLight> shaded = shadedLights(scene.lights);
+    const std::vector<PlacedLight> placed = lightsInSpace(view);
+    std::vector<CastingLight> lights;
+    for (size_t i = 0; i < placed.size(); ++i)
+      if (!placed[i].near) lights.push_back({placed[i].place, shaded[i].size_deg});
     return lights;
   }
 
@@ -237,12 +246,13 @@ struct Engine::Impl {
             .shadows = plan.shadows,
             .average = plan.samples > 1,
             .normals = plan.drawsNormals(),
+            .shadow_sums = plan.soft_shadows || plan.ambient_occlusion,
             .faults = faults};
   }
   Result<void> linkPrograms() {
     surface_drawn = kept_depth_of = {};
-    shadow_maps_drawn = shadows_drawn = {};
-    if (!plan.shadows) shadow_pass.reset();
+    if (!plan.casts()) shares.reset();
+    else if (shares) shares->forget();
     if (!plan.keepsDepth()) kept_depth.reset();
     if (!plan.drawsNormals()) normals.reset();
     sampled.reset();
@@ -343,14 +353,16 @@ struct Engine::Impl {
                     v.error_px;  // steps and cracks keep an error until the finest level: the screen bounds the cost
     v.exaggerate = scene.exaggerate;
     v.relief = plan.relief;
-    v.hide_backs = options.hide_backs && !plan.shadows;  // what faces away may stand in the light
-    v.any_direction = plan.shadows;
-    if (plan.shadows) {
+    v.hide_backs = options.hide_backs && !plan.casts();  // what faces away may stand in the light
+    v.any_direction = plan.casts();
+    if (plan.casts()) {
       // What is beside the picture may cast a shadow into it.
       const double half_mm = 0.5 * mmPerPx(camera, height) * std::min(width, height);
       double reach = 1;
-      for (const glm::dvec3& light : castingLights(view))
-        reach = std::max(reach, casterReach(drawnExtent(), light, half_mm));
+      if (plan.shadows)
+        for (const CastingLight& light : castingLights(view))
+          reach = std::max(reach, casterReach(drawnExtent(), lowestOf(light), half_mm));
+      if (plan.ambient_occlusion) reach = std::max(reach, casterReach(drawnExtent(), kLowSky, half_mm));
       for (int column = 0; column < 4; ++column)
         for (int row = 0; row < 2; ++row) v.clip_from_world[column][row] /= reach;
     }
@@ -466,30 +478,21 @@ struct Engine::Impl {
     if (corners) corners->bind(program, kCornersUnit);
   }
 
-  // After updateSurface(), whose list of instances it draws once more, from the light.
-  void updateShadows() {
-    if (!plan.shadows) return;
-    std::vector<ShadowsOf> now;
-    for (const glm::dvec3& light : castingLights(drawn.view)) now.push_back({surface_drawn, light});
-    if (shadows_drawn == now) return;
-    shadows_drawn = now;
-    if (!shadow_pass) shadow_pass = std::make_unique<ShadowPass>(surface.depthMode());
-    shadow_pass->resize(width, height, now.size());
-    shadow_maps_drawn.resize(now.size());
-    for (size_t i = 0; i < now.size(); ++i) {
-      const ShadowView view = shadowView(drawn.view, drawnExtent(), now[i].light);
-      ShadowsOf map = now[i];
-      map.surface.clip_from_world = drawn.view.clip_from_world;
-      if (shadow_maps_drawn[i] != map) {
-        shadow_maps_drawn[i] = map;
-        drawShadowMap(i, view);
-      }
-      shadow_pass->light(i, programs.shadow, surface, *screen, sampleView().clip_from_world, view);
-      ++stats.draw_calls;
-    }
+  // After updateSurface(), whose list of instances it draws once more, as lights and sky see it.
+  void updateShares(LightShares::Directions directions) {
+    if (!plan.casts()) return;
+    if (!shares) shares = std::make_unique<LightShares>(surface.depthMode());
+    LightShares::Wanted wanted{.surface = surface_drawn, .view = &drawn.view, .extent = &drawnExtent()};
+    if (plan.shadows) wanted.lights = castingLights(drawn.view);
+    wanted.sky = plan.ambient_occlusion;
+    stats.draw_calls += shares->update(wanted, directions,
+                                       {.programs = &programs,
+                                        .surface = &surface,
+                                        .screen = screen.get(),
+                                        .draw_map = [this](const ShadowView& view) { drawShadowMap(view); }});
   }
-  void drawShadowMap(size_t light, const ShadowView& view) {
-    shadow_pass->beginMap(light);
+  bool sharesWhole() const { return !shares || shares->whole(); }
+  void drawShadowMap(const ShadowView& view) {
     EyeFrame eye = eyeFrame(drawn.view, domain(), drawn.exaggerate, plan.relief, surface.depthMode());
     eye.clip_from_eye = glClipFrom(view.clip_from_world, eye.origin_mm, surface.depthMode());
     useForGeometry(programs.shadow_map);
@@ -504,7 +507,7 @@ struct Engine::Impl {
     surface.bind(program, 4);
   }
 
-  // After updateSurface(): near lights, and depth and curvature of a scan, need each pixel's place.
+  // After updateSurface(): near lights, gloss, and depth and curvature of a scan, need each pixel's place.
   void keepDepth() {
     if (!plan.keepsDepth() || (kept_depth && kept_depth_of == surface_drawn)) return;
     if (!kept_depth) kept_depth = std::make_unique<KeptDepth>();
@@ -516,24 +519,27 @@ struct Engine::Impl {
       completed_shading = {scene.shading, completed(scene.shading, artwork.manifest)};
     return completed_shading->second;
   }
-  // Lights, or what is shown in their place; for the shading program in use.
+  // Lights, with gloss, or what is shown in their place; for the shading program in use.
   void setLights(const gl::Program& program) const {
     const bool shaded = plan.shading != ReliefShading::Kind::kNone;
-    if (plan.lights == 0 && !shaded) return;
+    if (plan.lights == 0 && !shaded && !plan.gloss) return;
     const glm::dvec3& eye_mm = drawn.view.eye_mm;
     const glm::dmat4 eye_from_pixel =
         glm::inverse(glm::translate(sampleView().clip_from_world, eye_mm)) * clipFromPixel(surface.depthMode());
-    setNamedUniforms(program, shaded ? shadingUniforms(completedShading(), artwork.manifest, eye_mm, eye_from_pixel,
-                                                       surface.depthMode().farPlane())
-                                     : lightUniforms(lightsInSpace(drawn.view), plan.format(artwork.manifest), eye_mm,
-                                                     eye_from_pixel));
+    if (shaded)
+      setNamedUniforms(program, shadingUniforms(completedShading(), artwork.manifest, eye_mm, eye_from_pixel,
+                                                surface.depthMode().farPlane()));
+    if (plan.lights > 0)
+      setNamedUniforms(program,
+                       lightUniforms(lightsInSpace(drawn.view), plan.format(artwork.manifest), eye_mm, eye_from_pixel));
+    if (plan.gloss) setNamedUniforms(program, glossUniforms(scene.gloss, drawn.view, eye_from_pixel));
     if (kept_depth) kept_depth->bind(program, kKeptDepthUnit);
     if (normals) normals->bind(program, kNormalsUnit);
   }
 
+  // After updateShares().
   void shadeSurface(double now_s) {
     target_is_average = false;
-    updateShadows();
     keepDepth();
     // Where no pixel asks for a page, or there is none, nothing is looked up: the same picture, for half the cost.
     // But with anisotropy, a patch that has no page shows its tail along the pixel's footprint.
@@ -558,7 +564,11 @@ struct Engine::Impl {
     setUniforms(program, now_s);
     setNamedUniforms(program, effectUniforms(scene.effects));
     setLights(program);
-    if (plan.shadows) shadow_pass->bind(program, kShadowUnit);
+    if (plan.shadows) shares->pass().bind(program, kShadowUnit);
+    if (plan.ambient_occlusion) {
+      setNamedUniforms(program, occlusionUniforms(scene.ambient_occlusion));
+      shares->pass().bindSky(program, kSkyUnit);
+    }
     screen->draw(true);
     ++stats.draw_calls;
     if (plan.wireframe) {
@@ -569,16 +579,20 @@ struct Engine::Impl {
     }
   }
 
-  // Of several samples, one more picture. It leaves a surface of that sample behind: whatever needs the pixels' centres
-  // calls updateSurface() first.
-  void drawSample(double now_s) {
+  // Of several samples, one more picture, or more directions of its light: it counts once these are whole. It leaves a
+  // surface of that sample behind: whatever needs the pixels' centres calls updateSurface() first.
+  void drawSample(double now_s, LightShares::Directions directions) {
     offset_px = samplePattern(plan.samples)[static_cast<size_t>(samples_in)];
     updateSurface();
+    updateShares(directions);
+    if (sharesWhole() || samples_in == 0) shadeWithoutFades(now_s);
+    if (sharesWhole()) stack->take(target, samples_in++);
+    offset_px = {};
+  }
+  void shadeWithoutFades(double now_s) {
     fades_over = true;
     shadeSurface(now_s);
     fades_over = false;
-    stack->take(target, samples_in++);
-    offset_px = {};
   }
   void averageSamples() {
     if (target_is_average) return;
@@ -601,7 +615,7 @@ struct Engine::Impl {
     pool->forgetTable();
     pool->uploadTable(*asked);
     sampled = demandView();
-    for (samples_in = 0; samples_in < plan.samples;) drawSample(0);
+    for (samples_in = 0; samples_in < plan.samples;) drawSample(0, LightShares::Directions::kAll);
     averageSamples();
     asked.reset();
     pool->forgetTable();
@@ -731,7 +745,10 @@ struct Engine::Impl {
     if (demand->usesFeedback() && plan.readsTexture() && frame % static_cast<uint64_t>(options.feedback_interval) == 0)
       demand->step(demandView(), plan.feedbackPhases(), feedbackDrawing());
     if (sampled && *sampled != demandView()) sampled.reset();
-    if (!showsAverage()) shadeSurface(now_s);
+    if (!showsAverage()) {
+      updateShares(LightShares::Directions::kFew);
+      shadeSurface(now_s);
+    }
     submitFrame();
   }
 
@@ -894,6 +911,7 @@ Result<void> Engine::setScene(const Scene& scene) {
     now.relief = e.scene.relief;
     now.relight = e.scene.relight;
     now.lights = e.scene.lights;
+    now.gloss = e.scene.gloss;
     now.unlit = e.scene.unlit;
     now.exaggerate = e.scene.exaggerate;
     now.shading = e.scene.shading;
@@ -920,19 +938,29 @@ void Engine::frame(double now_s) { impl_->frameOnce(now_s); }
 
 bool Engine::refine(double now_s) {
   Impl& e = *impl_;
-  if (e.plan.samples == 1 || e.adopted_frame == 0) return false;
+  if (e.adopted_frame == 0) return false;
+  if (e.plan.samples == 1) {
+    if (e.sharesWhole()) return false;
+    ++e.stats.frames;
+    e.stats.draw_calls = 0;
+    e.updateSurface();
+    e.updateShares(LightShares::Directions::kMore);
+    e.shadeWithoutFades(now_s);
+    submitFrame();
+    return true;
+  }
   if (e.sampled && *e.sampled != e.demandView()) e.sampled.reset();
   if (!e.showsAverage()) e.samples_in = 0;
   if (e.samples_in == e.plan.samples) return false;
   e.sampled = e.demandView();
   ++e.stats.frames;
   e.stats.draw_calls = 0;
-  e.drawSample(now_s);
+  e.drawSample(now_s, LightShares::Directions::kMore);
   submitFrame();
   return true;
 }
 
-Result<void> Engine::settle(double timeout_s) {
+Result<void> Engine::settle(double timeout_s, bool refined) {
   // What the texture wants follows from the geometry, and the geometry from the view and its relief. So: relief and
   // patch list first, then one full-size feedback, then its pages, then one picture. Pressure on the cache starts it
   // over, with less detail.
@@ -984,13 +1012,13 @@ Result<void> Engine::settle(double timeout_s) {
                  {}};
   }
   ++e.stats.frames;
-  if (e.plan.samples > 1) {
+  if (e.plan.samples > 1 && refined) {
     e.drawSettledSamples();
   } else {
+    e.sampled.reset();
     e.updateSurface();
-    e.fades_over = true;
-    e.shadeSurface(steadySeconds());
-    e.fades_over = false;
+    e.updateShares(refined ? LightShares::Directions::kAll : LightShares::Directions::kFew);
+    e.shadeWithoutFades(steadySeconds());
   }
   finishFrame();
   return {};
@@ -1057,6 +1085,8 @@ EngineStats Engine::stats() const {
   s.texture_bytes = e.pool->textureBytes();
   s.detail_bias = e.lod_bias;
   s.samples = e.showsAverage() ? e.samples_in : 1;
+  s.directions = e.shares ? e.shares->directions() : 0;
+  s.refined = e.plan.samples > 1 ? s.samples == e.plan.samples : e.sharesWhole();
   s.shading = e.scene.shading;
   s.switching = e.pending_scene.has_value();
   s.passes = e.plan.passes();

@@ -73,8 +73,8 @@ class Engine {
   void setCamera(const OrbitCamera& camera);
   const OrbitCamera& camera() const;
   // Links another shader or streams other planes where the effect plan asks for it. Never waits: where a scene needs
-  // other planes, its relief, relight, lights, exaggerate and shading show as soon as the roots of those planes are
-  // resident (settle() waits for them).
+  // other planes, its relief, relight, lights, gloss, exaggerate and shading show as soon as the roots of those planes
+  // are resident (settle() waits for them).
   Result<void> setScene(const Scene& scene);
   const Scene& scene() const;
   const EffectPlan& plan() const;
@@ -83,15 +83,17 @@ class Engine {
   // Draws one frame into the engine's framebuffer; now_s: seconds of a steady clock. One sample a pixel; but what
   // settle() or refine() averaged stays while it shows the same view, scene and pages.
   void frame(double now_s);
-  // With Scene::samples above 1: draws the last frame's picture once more, through the next sample of its pixels, and
-  // shows the average of the samples so far; pages that are blending in show whole. False: nothing was drawn, since all
-  // samples are in. Call it in place of frame() while nothing changes: it streams nothing.
+  // With lights that have a size or ambient occlusion: draws the last frame's picture once more, with some more of the
+  // directions that light comes from. With Scene::samples above 1 through the next sample of its pixels, once the one
+  // before has all directions, and shows the average of the samples so far. Pages that are blending in show whole.
+  // False: nothing was drawn, since all samples and directions are in. Call it in place of frame() while nothing
+  // changes: it streams nothing.
   bool refine(double now_s);
   // Streams until every page that the view wants (by full-size feedback) is resident and the patch list is final; then
-  // draws it, with all samples of the scene. The picture depends on the artwork, camera and scene only. Samples ask for
-  // no further page: where one needs a page that no pixel's centre does, its ancestor shows. Fails after timeout_s,
-  // naming what is missing.
-  Result<void> settle(double timeout_s);
+  // draws it, with all samples of the scene and all directions of its light. The picture depends on the artwork, camera
+  // and scene only. Samples ask for no further page: where one needs a page that no pixel's centre does, its ancestor
+  // shows. refined false: draws it as frame() does, which is quicker. Fails after timeout_s, naming what is missing.
+  Result<void> settle(double timeout_s, bool refined = true);
 
   // RGBA, sRGB, rows top first; alpha 0 where the artwork is not. With several samples alpha is the share of them that
   // show the artwork, and the colour is their average (not multiplied by alpha).

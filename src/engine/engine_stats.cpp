@@ -50,6 +50,7 @@ std::string engineStatsJson(const EngineStats& s, const Manifest& manifest) {
       {"planes_read", s.planes_read},
       {"passes", s.passes},
       {"samples", s.samples},
+      {"light_directions", s.directions},
       {"planes", planes},
       {"draw_calls", s.draw_calls},
       {"instances", s.instances},

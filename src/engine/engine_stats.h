@@ -24,6 +24,8 @@ struct EngineStats {
   uint64_t texture_bytes = 0;  // what GL has allocated for the slots by now
   uint64_t tail_bytes = 0;     // on the GPU, besides the slots
   int samples = 1;             // that the last picture is the average of
+  int directions = 0;          // that the light of its last sample came from, of lights with a size and of the sky
+  bool refined = true;         // no sample and no direction of the scene is missing
   double predicted_error_px = 0;
   double detail_bias = 0;
   uint32_t edges_limited = 0;

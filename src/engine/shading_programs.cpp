@@ -32,7 +32,7 @@ Result<void> ShadingPrograms::link(gl::Api api, const Variant& variant) {
   addVertexFaults(variant.faults, defines);
   addLookupFaults(variant.faults, defines);
   for (gl::Program* left : {&root_cells, &wire, &average, &tails, &normals, &normals_tails, &shadow_map,
-                            &shadow_map_roots, &shadow, &capture, &capture_roots})
+                            &shadow_map_roots, &shadow, &shadow_sum, &shadow_mean, &capture, &capture_roots})
     *left = {};
   if (auto r = linkOne(surface, api, "patch.vert", "surface.frag", defines); !r) return r;
   // What is shaded by normals that were drawn before looks up no page itself.
@@ -50,9 +50,14 @@ Result<void> ShadingPrograms::link(gl::Api api, const Variant& variant) {
   }
   if (variant.feedback)
     if (auto r = linkOne(feedback, api, "screen.vert", "feedback.frag", defines); !r) return r;
-  if (variant.shadows) {
-    if (auto r = linkOne(shadow_map, api, "patch.vert", "depth_only.frag", defines); !r) return r;
+  if (variant.shadows)
     if (auto r = linkOne(shadow, api, "screen.vert", "shadow.frag", {}); !r) return r;
+  if (variant.shadow_sums) {
+    if (auto r = linkOne(shadow_sum, api, "screen.vert", "shadow_sum.frag", {}); !r) return r;
+    if (auto r = linkOne(shadow_mean, api, "screen.vert", "shadow_mean.frag", {}); !r) return r;
+  }
+  if (variant.shadows || variant.shadow_sums) {
+    if (auto r = linkOne(shadow_map, api, "patch.vert", "depth_only.frag", defines); !r) return r;
     if (variant.tails)
       if (auto r = linkOne(shadow_map_roots, api, "patch.vert", "depth_only.frag", with(defines, "ROOT_CELLS")); !r)
         return r;

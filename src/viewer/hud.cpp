@@ -23,6 +23,7 @@ constexpr const char* kHelp[][2] = {{"Left drag", "turn about the point under th
                                     {"Right drag, L + move", "light"},
                                     {"O", "orthographic (one scale everywhere) or perspective"},
                                     {"R", "reset camera and light"},
+                                    {"A", "ambient occlusion: joints and folds darker"},
                                     {"W", "wireframe"},
                                     {"P", "pages by texture level"},
                                     {"S", "snapshot (PNG)"},

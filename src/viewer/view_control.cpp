@@ -337,6 +337,8 @@ bool ViewControl::handle(const gl::Event& e) {
     wireframe = !wireframe;
   } else if (e.key == "P") {
     show_pages = !show_pages;
+  } else if (e.key == "A") {
+    occlusion = !occlusion;
   } else if (e.key == "O") {
     OrbitCamera& c = view_.camera;
     c.orthographic = !c.orthographic;

@@ -4,6 +4,7 @@
 //   wheel               zooms: the point under the mouse stays there
 //   right drag, L+move  moves the light
 //   O                   switches between perspective and orthographic; the target keeps its size and place
+//   A                   switches ambient occlusion
 //   W, P                switch the wireframe and the page overlay
 //   R, S                reset the view; save a snapshot
 //   F1, F2, Esc         show help; show figures; quit
@@ -50,7 +51,7 @@ class ViewControl {
 
   const View& view() const { return view_; }
   bool draggingLight() const { return mode_ == Mode::kLight; }
-  bool wireframe = false, show_pages = false, help = false, figures = false;
+  bool occlusion = false, wireframe = false, show_pages = false, help = false, figures = false;
   bool quit = false;
   bool takeSnapshotRequest() { return std::exchange(snapshot_requested_, false); }
 

@@ -115,7 +115,7 @@ class ViewLoop {
     return calm_frames_ >= kCalmFrames * options_.engine.feedback_interval &&
            now >= changed_at_ + (shown_.missing_pages > 0 || switching_ ? kCalmMissingS : kCalmS);
   }
-  // Once nothing changes any more, frames add the samples that the picture lacks.
+  // Once nothing changes any more, frames add the samples, and directions of light, that the picture lacks.
   bool refining(double now) const {
     return lacks_samples_ && calm(now) && now >= changed_at_ + options_.scene.page_fade_s;
   }
@@ -202,6 +202,8 @@ Scene ViewLoop::sceneAt(double now) {
   wanted.light = control_.view().light;
   if (const SceneLight* turned = firstFarLight(wanted.lights))
     wanted.lights[static_cast<size_t>(turned - wanted.lights.data())].place = wanted.light;
+  if (!control_.occlusion) wanted.ambient_occlusion = {};
+  else if (!wanted.ambient_occlusion.isOn()) wanted.ambient_occlusion.strength = kUsualOcclusion;
   wanted.wireframe = control_.wireframe;
   wanted.overlay = control_.show_pages ? &kPagesEffect : overlay == &kPagesEffect ? nullptr : overlay;
   return wanted;
@@ -214,7 +216,7 @@ Result<EngineStats> ViewLoop::drawScene(double now) {
   engine_.setCamera(control_.view().camera);
   if (!refining(now) || !engine_.refine(now)) engine_.frame(now);
   const EngineStats stats = engine_.stats();
-  lacks_samples_ = stats.samples < engine_.plan().samples;
+  lacks_samples_ = !stats.refined;
   return stats;
 }
 
@@ -323,6 +325,7 @@ Result<void> runViewer(Artwork artwork, const ViewerOptions& options) {
   start.camera = *camera;
   ViewControl control(extent, start, window.width(), window.height(),
                       {[&](double x, double y) { return engine.surfacePoint(x, y); }});
+  control.occlusion = options.scene.ambient_occlusion.isOn();
   control.wireframe = options.scene.wireframe;
   control.show_pages = options.scene.overlay == &kPagesEffect;
 

@@ -107,3 +107,5 @@ foreach(name depth_gltest mesh_picture_gltest)  # once more without clip control
 endforeach()
 relievo_gltest(hard_scans_gltest RUNS GL_ONLY LIBS relievo_engine relievo_bake relievo_lod SOURCES render/hard_scans_gltest.cpp)
 relievo_gltest(shadows_gltest LIBS relievo_engine relievo_dense_pages SOURCES render/shadows_gltest.cpp)
+relievo_gltest(soft_light_gltest LIBS relievo_engine relievo_dense_pages relievo_lod SOURCES render/soft_light_gltest.cpp)
+relievo_gltest(gloss_gltest LIBS relievo_engine relievo_dense_pages relievo_lod SOURCES render/gloss_gltest.cpp)

@@ -237,11 +237,14 @@ TEST(ViewControl, TheProjectionSwitchesWithinAPan) {
 TEST(ViewControl, KeysToggleResetAndQuit) {
   ViewControl control(extentOf(artwork()), startView(), kWidth, kHeight);
   Hand hand{control};
-  EXPECT_FALSE(control.wireframe || control.show_pages || control.help || control.figures || control.quit);
-  for (const char* key : {"W", "P", "F1", "F2"}) hand.press(key);
-  EXPECT_TRUE(control.wireframe && control.show_pages && control.help && control.figures);
-  for (const char* key : {"W", "P", "F1", "F2"}) hand.press(key);
-  EXPECT_FALSE(control.wireframe || control.show_pages || control.help || control.figures);
+  const auto any = [&] {
+    return control.occlusion || control.wireframe || control.show_pages || control.help || control.figures;
+  };
+  EXPECT_FALSE(any() || control.quit);
+  for (const char* key : {"A", "W", "P", "F1", "F2"}) hand.press(key);
+  EXPECT_TRUE(control.occlusion && control.wireframe && control.show_pages && control.help && control.figures);
+  for (const char* key : {"A", "W", "P", "F1", "F2"}) hand.press(key);
+  EXPECT_FALSE(any());
   hand.press("S");
   EXPECT_TRUE(control.takeSnapshotRequest());
   EXPECT_FALSE(control.takeSnapshotRequest());

@@ -486,6 +486,30 @@ TEST_F(Cli, LightsAreThoseOfTheSceneOrTheOption) {
   EXPECT_EQ(relievo("accuracy " + file("scene.json") + " --quick -o " + file("accuracy")).exit_code, 1);
 }
 
+// The plan says how many directions a light with a size and the sky are, and the option is the scene's.
+TEST_F(Cli, SoftLightIsInThePlan) {
+  ASSERT_EQ(relievo("sample coin --size 128x128 --package " + file("coin.relievo")).exit_code, 0);
+  write("scene.json", R"({"format": "relievo-scene", "version": 1, "artwork": "coin.relievo",
+    "light": {"shadows": true, "size_deg": 4}, "effects": {"ambient_occlusion": 0.5}})");
+  const std::string plan = relievo("plan --no-measure " + file("scene.json")).output;
+  EXPECT_NE(plan.find("a light of 4 degrees: 64 directions"), std::string::npos) << plan;
+  EXPECT_NE(plan.find("the sky, strength 0.5: 64 directions"), std::string::npos) << plan;
+  EXPECT_NE(plan.find("soft shadow"), std::string::npos) << plan;
+  const std::string glossy = relievo("plan --no-measure " + file("scene.json") + " --gloss 0.04").output;
+  EXPECT_NE(glossy.find("reflectance 0.04, roughness 0.3, simulated; normals: fitted to the drawn relief"),
+            std::string::npos)
+      << glossy;
+  EXPECT_NE(plan.find("OCCLUSION_FILES"), std::string::npos) << plan;
+  EXPECT_EQ(plan,
+            relievo("plan --no-measure " + file("coin.relievo") + " --shadows --light-size 4 --ambient-occlusion 0.5")
+                .output);
+  const std::string off =
+      relievo("plan --no-measure " + file("scene.json") + " --light-size 0 --ambient-occlusion 0").output;
+  EXPECT_EQ(off.find("directions"), std::string::npos) << off;
+  EXPECT_EQ(relievo("plan --no-measure " + file("coin.relievo") + " --lights '[{}]' --light-size 4").exit_code, 1);
+  EXPECT_EQ(relievo("plan --no-measure " + file("coin.relievo") + " --light-size 91").exit_code, 1);
+}
+
 TEST_F(Cli, ShadingSaysWhichValueIsWhichColour) {
   ASSERT_EQ(relievo("sample coin --size 128x128 --package " + file("coin.relievo")).exit_code, 0);
   write("scene.json", R"({"format": "relievo-scene", "version": 1, "artwork": "coin.relievo",

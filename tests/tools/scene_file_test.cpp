@@ -36,6 +36,7 @@ TEST(SceneFiles, ComeBackAsTheyWereWritten) {
       if (some()) light.intensity = number(0, 1000);
       if (some()) light.color = {number(0, 1), 0.1, 1};
       if (light.near && some()) light.reference_mm = number(1e-3, 1e6);
+      if (!light.near && some()) light.size_deg = number(0, 90);
       s.lights.push_back(light);
     }
     if (some()) {
@@ -51,6 +52,9 @@ TEST(SceneFiles, ComeBackAsTheyWereWritten) {
     }
     if (some()) s.light_fixed = some();
     if (some()) s.shadows = some();
+    if (s.lights.empty() && some()) s.light_size_deg = number(0, 90);
+    if (some()) s.ambient_occlusion = number(0, 1);
+    if (some()) s.gloss = {number(0.01, 1), number(0.05, 1)};
     if (some()) s.relief = some();
     if (some()) s.unlit = some();
     if (some()) s.exaggerate = number(-1e4, 1e4);
@@ -87,7 +91,13 @@ TEST(SceneFiles, AreRefusedNamingWhatIsWrong) {
       {kHead + R"(, "lights": [{},{},{},{},{}]})", "a list of 1 to 4 objects for 'lights'"},
       {kHead + R"(, "lights": [{}, 3]})", "expected an object for 'lights[1]'"},
       {kHead + R"(, "lights": [{}, {"colour": [1, 1, 1]}]})",
-       "there is no 'lights[1].colour'; known are towards, position_mm, reference_mm, intensity, color"},
+       "there is no 'lights[1].colour'; known are towards, size_deg, position_mm, reference_mm, intensity, color"},
+      {kHead + R"(, "lights": [{"position_mm": [0, 0, 1], "size_deg": 1}]})", "'lights[0].size_deg' needs"},
+      {kHead + R"(, "light": {"size_deg": 91}})", "from 0 to 90 for 'light.size_deg'"},
+      {kHead + R"(, "light": {"size_deg": 1}, "lights": [{}]})", "give each of them a size_deg"},
+      {kHead + R"(, "gloss": {"roughness": 0.5}})", "'gloss.roughness' needs 'gloss.reflectance'"},
+      {kHead + R"(, "gloss": {"reflectance": 1, "roughness": 0}})", "from 0.05 to 1 for 'gloss.roughness'"},
+      {kHead + R"(, "effects": {"ambient_occlusion": 2}})", "from 0 to 1 for 'effects.ambient_occlusion'"},
       {kHead + R"(, "lights": [{"intensity": -1}]})", "from 0 to 1000 for 'lights[0].intensity'"},
       {kHead + R"(, "lights": [{"towards": [0, 0, 0]}]})", "direction is zero in 'lights[0]'"},
       {kHead + R"(, "lights": [{}, {"towards": [0, 0, 1], "position_mm": [0, 0, 1]}]})", "'lights[1]' has both"},
@@ -238,6 +248,14 @@ TEST(ScenePlan, NamesWhatIsOnAndNothingElse) {
   EXPECT_EQ(partNames(lit, ptm), (std::vector<std::string>{"light", "lights"}));
   lit.lights[0].color = {1, 1, 1};
   EXPECT_EQ(partNames(lit, ptm), (std::vector<std::string>{"light"}));
+  // Shadows of a light with a size cost more than hard ones.
+  const Manifest raised = manifestOf(Basis::kPtmLrgb, 2);
+  lit.relief = lit.shadows = true;
+  lit.lights[0].size_deg = 2;
+  lit.ambient_occlusion.strength = 0.5;
+  lit.gloss.reflectance = 0.1;
+  EXPECT_EQ(partNames(lit, raised),
+            (std::vector<std::string>{"relief", "light", "shadows", "soft shadows", "gloss", "ambient occlusion"}));
   // A shading stands in the place of light, and is one part.
   Scene shaded = plain;
   shaded.shading.kind = ReliefShading::Kind::kSlope;

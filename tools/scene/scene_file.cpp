@@ -7,6 +7,7 @@
 #include <nlohmann/json.hpp>
 
 #include "src/base/file.h"
+#include "src/engine/effects/soft_shadows.h"
 
 namespace relievo {
 namespace {
@@ -43,6 +44,9 @@ JsonMembers effectMembers(SceneFile& s, std::vector<std::optional<double>>& valu
   std::vector<std::string> overlays{"none"};
   for (const PixelEffect* effect : pixelEffects())
     if (effect->stage == PixelEffect::Stage::kOverlay) overlays.emplace_back(effect->name);
+  members.push_back(numberMember("ambient_occlusion",
+                                 "Places of the relief that see little of the sky are darker: the strength", 0, 1,
+                                 s.ambient_occlusion));
   members.push_back(choiceMember("show", "What is drawn over the picture", std::move(overlays), s.show));
   members.push_back(boolMember("wireframe", "Draw the triangles' edges", s.wireframe));
   return members;
@@ -51,7 +55,7 @@ JsonMembers effectMembers(SceneFile& s, std::vector<std::optional<double>>& valu
 // A light as it is written.
 struct LightMembers {
   std::optional<std::array<double, 3>> towards, position_mm, color;
-  std::optional<double> intensity, reference_mm;
+  std::optional<double> size_deg, intensity, reference_mm;
 };
 // Lights while they are read.
 struct LightList {
@@ -67,8 +71,14 @@ JsonMember lightsMember(LightList& to) {
                                         "falls off with the square of the distance [that of the artwork's middle]",
                                         1e-9, kFarthestMm, l.reference_mm);
     reference.beside = "position_mm";
+    JsonMember size = numberMember("size_deg",
+                                   "Of a light that is far away, its angular diameter, degrees: with light.shadows how "
+                                   "soft these are [0: hard]",
+                                   0, kMaxLightSizeDeg, l.size_deg);
+    size.beside = "towards";
     items.push_back({tripleMember("towards", "Towards a light that is far away: right, up, to the viewer [0, 0, 1]",
                                   -1e9, 1e9, l.towards),
+                     std::move(size),
                      tripleMember("position_mm", "In its place, where a near light is, mm from the artwork's origin",
                                   -kFarthestMm, kFarthestMm, l.position_mm),
                      std::move(reference),
@@ -100,6 +110,7 @@ std::vector<SceneLight> lightsOf(const LightList& list) {
     light.place = l.position_mm.value_or(l.towards.value_or(light.place));
     light.intensity = l.intensity.value_or(light.intensity);
     light.color = l.color.value_or(light.color);
+    light.size_deg = l.size_deg.value_or(light.size_deg);
     light.reference_mm = l.reference_mm.value_or(light.reference_mm);
     lights.push_back(light);
   }
@@ -108,6 +119,7 @@ std::vector<SceneLight> lightsOf(const LightList& list) {
 
 Json jsonOf(const SceneLight& light) {
   Json json = {{light.near ? "position_mm" : "towards", light.place}};
+  if (!light.near && light.size_deg != 0) json["size_deg"] = light.size_deg;
   if (light.near && light.reference_mm != 0) json["reference_mm"] = light.reference_mm;
   if (light.intensity != 1) json["intensity"] = light.intensity;
   if (light.color != SceneLight{}.color) json["color"] = light.color;
@@ -187,11 +199,27 @@ Json jsonOf(const ReliefShading& s) {
   return json;
 }
 
+// A gloss as it is written.
+struct GlossMembers {
+  std::optional<double> reflectance, roughness;
+};
+
+JsonMember glossMember(GlossMembers& to) {
+  JsonMember roughness =
+      numberMember("roughness", "From nearly a mirror to as good as matt [0.3]", kLeastRoughness, 1, to.roughness);
+  roughness.beside = "reflectance";
+  return objectMember(
+      "gloss", "Highlights under the lights, simulated beside the artwork's own",
+      {numberMember("reflectance", "Of light from straight ahead; varnish: 0.04; 0: no gloss", 0, 1, to.reflectance),
+       std::move(roughness)});
+}
+
 // What a scene's members are read into before they become the scene's.
 struct SceneParts {
   std::string about;
   std::vector<std::optional<double>> values;  // of the effects' parameters
   LightList lights;
+  GlossMembers gloss;
   ShadingMembers shading;
 };
 
@@ -207,8 +235,13 @@ JsonMembers sceneMembers(SceneFile& s, SceneParts& parts) {
               {tripleMember("towards", "Towards the light: right, up, to the viewer", -1e9, 1e9, s.light),
                boolMember("fixed", "It stays: coefficients are resolved once a page; of lights the directions stay",
                           s.light_fixed),
-               boolMember("shadows", "The relief casts shadows on itself, in each light that is far away", s.shadows)}),
+               boolMember("shadows", "The relief casts shadows on itself, in each light that is far away", s.shadows),
+               numberMember("size_deg",
+                            "The light's angular diameter, degrees: how soft its shadows are; 0: hard. Of lights each "
+                            "has its own",
+                            0, kMaxLightSizeDeg, s.light_size_deg)}),
           lightsMember(parts.lights),
+          glossMember(parts.gloss),
           shadingMember(parts.shading),
           objectMember("surface", "What of the artwork is shown",
                        {boolMember("relief", "Its heights", s.relief),
@@ -248,8 +281,12 @@ Result<SceneFile> parseScene(const std::string& text, const std::string& name) {
   if (const std::string problem = problemOf(parts.shading); !problem.empty())
     return invalid(problem, kSceneFormat.hint);
   scene.shading = shadingOf(parts.shading);
+  scene.gloss.reflectance = parts.gloss.reflectance.value_or(scene.gloss.reflectance);
+  scene.gloss.roughness = parts.gloss.roughness.value_or(scene.gloss.roughness);
   if (scene.light && !scene.lights.empty())
     return invalid("'light.towards' is one light and 'lights' are others", "leave out one of them");
+  if (scene.light_size_deg && !scene.lights.empty())
+    return invalid("'light.size_deg' is the size of one light and 'lights' are others", "give each of them a size_deg");
   const SceneCamera& c = scene.camera;
   if (c.mm_per_px && (c.distance_mm || c.fov_deg || (c.orthographic && !*c.orthographic)))
     return invalid("'camera.mm_per_px' is an orthographic picture's scale",
@@ -296,6 +333,7 @@ std::string sceneText(const SceneFile& s) {
   put(light, "towards", s.light);
   put(light, "fixed", s.light_fixed);
   put(light, "shadows", s.shadows);
+  put(light, "size_deg", s.light_size_deg);
   put(surface, "relief", s.relief);
   put(surface, "exaggerate", s.exaggerate);
   put(surface, "unlit", s.unlit);
@@ -304,6 +342,7 @@ std::string sceneText(const SceneFile& s) {
     for (size_t i = 0; i < PixelEffect::kMaxParameters && !setting.changesNothing(); ++i)
       if (const EffectParameter& p = setting.effect->parameters[i]; !p.name.empty())
         effects[std::string(p.name)] = setting.values[i];
+  put(effects, "ambient_occlusion", s.ambient_occlusion);
   put(effects, "show", s.show);
   put(effects, "wireframe", s.wireframe);
   put(picture, "size_px", s.size_px);
@@ -316,6 +355,7 @@ std::string sceneText(const SceneFile& s) {
                                {"picture", picture}})
     if (!object.empty()) json[name] = object;
   for (const SceneLight& one : s.lights) json["lights"].push_back(jsonOf(one));
+  if (s.gloss.isOn()) json["gloss"] = {{"reflectance", s.gloss.reflectance}, {"roughness", s.gloss.roughness}};
   if (s.shading.isOn()) json["shading"] = jsonOf(s.shading);
   if (!(s.settings == DrawSettings{})) {
     Json settings = Json::parse(settingsText(s.settings, ""));
@@ -362,7 +402,12 @@ std::string lightText(const SceneLight& light, const glm::dvec3& middle_mm) {
   else
     std::snprintf(text, sizeof text, "far away, towards %g %g %g, intensity %g, color %g %g %g", p[0], p[1], p[2],
                   light.intensity, light.color[0], light.color[1], light.color[2]);
-  return text;
+  std::string all = text;
+  if (!light.near && light.size_deg > 0) {
+    std::snprintf(text, sizeof text, ", %g degrees wide", light.size_deg);
+    all += text;
+  }
+  return all;
 }
 
 }  // namespace relievo

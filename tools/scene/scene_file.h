@@ -44,14 +44,17 @@ struct SceneFile {
   std::string artwork;  // as it is written: from the scene file's folder on, where it is no absolute path
   SceneCamera camera;
   std::optional<std::array<double, 3>> light;  // towards it; of any length above 0
+  std::optional<double> light_size_deg;        // its angular diameter, for shadows
   std::vector<SceneLight> lights;              // in its place; empty: there are none
+  Gloss gloss;                                 // usually none
   ReliefShading shading;                       // in the place of colour and light; usually none
   std::optional<bool> light_fixed;             // resolved once a page
   std::optional<bool> shadows;                 // cast by the relief on itself
   std::optional<bool> relief, unlit, wireframe, geomorph;
   std::optional<double> exaggerate;
-  std::vector<EffectSetting> effects;  // those of Stage::kTone, in the registry's order
-  std::optional<std::string> show;     // an overlay's name, or "none"
+  std::vector<EffectSetting> effects;       // those of Stage::kTone, in the registry's order
+  std::optional<double> ambient_occlusion;  // its strength
+  std::optional<std::string> show;          // an overlay's name, or "none"
   std::optional<std::array<int, 2>> size_px;
   std::optional<int> samples;                       // a pixel: 1, 4 or 8
   std::optional<std::array<double, 3>> background;  // 0..255

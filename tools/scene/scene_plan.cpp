@@ -15,6 +15,7 @@ struct Candidate {
 };
 
 void leaveLights(Scene& s) {
+  s.light_size_deg = singleLightSize(s);
   s.light = singleLight(s);
   s.lights.clear();
 }
@@ -25,6 +26,7 @@ std::vector<Candidate> candidates() {
       {"light", "light on the colour or the coefficients, against a light that is fixed, or none",
        [](Scene& s) {
          leaveLights(s);
+         s.gloss = {};  // which needs it
          s.unlit = s.relight = false;
        }},
       {"lights", "several, near or coloured lights, against a white one that is far away", leaveLights},
@@ -37,6 +39,13 @@ std::vector<Candidate> candidates() {
       {"shading", "the relief's slope, curvature or depth, in the place of colour and light",
        [](Scene& s) { s.shading = {}; }},
       {"shadows", "those that the relief casts on itself", [](Scene& s) { s.shadows = false; }},
+      {"soft shadows", "lights with a size, against shadows with hard edges",
+       [](Scene& s) {
+         s.light_size_deg = 0;
+         for (SceneLight& light : s.lights) light.size_deg = 0;
+       }},
+      {"gloss", "highlights under the lights", [](Scene& s) { s.gloss = {}; }},
+      {"ambient occlusion", "places that see little of the sky are darker", [](Scene& s) { s.ambient_occlusion = {}; }},
       {"anisotropic", "several taps a pixel, against trilinear",
        [](Scene& s) { s.sampling = s.sampling == Sampling::kAnisotropic ? Sampling::kTrilinear : s.sampling; }},
       {"trilinear", "two levels a pixel, against one",

@@ -1,0 +1,30 @@
+#include "src/engine/effects/soft_shadows.h"
+
+#include <cmath>
+#include <numbers>
+
+namespace relievo {
+
+glm::dvec2 latticePoint(int k, int n) {
+  int reversed = 0;
+  for (int bit = 1, from = k; bit < n; bit *= 2, from /= 2) reversed = 2 * reversed + from % 2;
+  const double turns = reversed / std::numbers::phi;
+  return {(reversed + 0.5) / n, turns - std::floor(turns)};
+}
+
+std::vector<glm::dvec3> discDirections(const glm::dvec3& light, double size_deg, int count) {
+  const glm::dvec3 aside = std::abs(light.y) < 0.9 ? glm::dvec3(0, 1, 0) : glm::dvec3(1, 0, 0);
+  const glm::dvec3 right = glm::normalize(glm::cross(aside, light)), up = glm::cross(light, right);
+  const double half = size_deg / 2 * std::numbers::pi / 180;
+  // 1 - cos(half), without cancellation for small discs.
+  const double depth = 2 * std::sin(half / 2) * std::sin(half / 2);
+  std::vector<glm::dvec3> directions;
+  for (int k = 0; k < count; ++k) {
+    const glm::dvec2 at = latticePoint(k, count);
+    const double below = at.x * depth, aslant = std::sqrt(below * (2 - below)), turn = 2 * std::numbers::pi * at.y;
+    directions.push_back((1 - below) * light + aslant * (std::cos(turn) * right + std::sin(turn) * up));
+  }
+  return directions;
+}
+
+}  // namespace relievo
