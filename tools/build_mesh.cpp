@@ -510,9 +510,11 @@ Result<void> MeshBuild::bake() {
   if (base_kind_ == BaseKind::kFaces) bake_options.touch_mm = kRounding * diagonal;
   bake_options.workers = a_.package.workers;
   bake_options.errors = false;
-  // Far off, most of a bake would go to a fit that hardly helps. The best bake gets it in the end.
+  // Far off, most of a bake would go to a fit that hardly helps: not where patches of the scan's own triangles come next,
+  // whatever it misses. Were it the best in the end, it would get its fit.
   constexpr double kFarOff = 16;
-  if (a_.patches == 0 && !best_is_known_) bake_options.fit_within = kFarOff;
+  const bool faces_are_next = base_kind_ == BaseKind::kEven && scan.triangles.size() <= 2 * size_t{kMostPatches};
+  if (faces_are_next && a_.patches == 0 && !best_is_known_) bake_options.fit_within = kFarOff;
   auto bake = stages_.run("bake", bake_options, [&]() -> Result<std::unique_ptr<MeshBake>> {
     Result<BakeScene>& scene = bake_scene_->get();
     if (!scene) return scene.error();
