@@ -510,8 +510,8 @@ Result<void> MeshBuild::bake() {
   if (base_kind_ == BaseKind::kFaces) bake_options.touch_mm = kRounding * diagonal;
   bake_options.workers = a_.package.workers;
   bake_options.errors = false;
-  // Far off, most of a bake would go to a fit that hardly helps: not where patches of the scan's own triangles come next,
-  // whatever it misses. Were it the best in the end, it would get its fit.
+  // Far off, most of a bake would go to a fit that hardly helps: not where patches of the scan's own triangles come
+  // next, whatever it misses. Were it the best in the end, it would get its fit.
   constexpr double kFarOff = 16;
   const bool faces_are_next = base_kind_ == BaseKind::kEven && scan.triangles.size() <= 2 * size_t{kMostPatches};
   if (faces_are_next && a_.patches == 0 && !best_is_known_) bake_options.fit_within = kFarOff;
