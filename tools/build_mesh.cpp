@@ -5,6 +5,7 @@
 #include <unistd.h>
 
 #include <algorithm>
+#include <array>
 #include <bit>
 #include <cerrno>
 #include <chrono>
@@ -12,11 +13,13 @@
 #include <cstdio>
 #include <cstring>
 #include <functional>
+#include <limits>
 #include <memory>
 #include <optional>
 #include <utility>
 
 #include "geometry/bake/fidelity.h"
+#include "geometry/bake/line_rasteriser.h"
 #include "geometry/bake/mesh_bake.h"
 #include "geometry/bake/mesh_distance.h"
 #include "geometry/mesh/mesh_order.h"
@@ -402,15 +405,20 @@ class MeshBuild {
   BaseMesh base_;
   std::unique_ptr<MeshBake> bake_;
   std::optional<FidelityScan> fidelity_scan_;  // while bakes are measured
+  FidelityHints fidelity_hints_;               // of the last measurement
   Fidelity fidelity_;
   uint64_t ray_bytes_ = 0;        // that the hierarchies of the scan's rays may take
   double kept_tolerance_mm_ = 0;  // the least that is kept after a miss; 0: none was found
   bool finer_cells_ = false;      // than the target asks for
+  bool best_is_known_ = false;    // what is baked is kept
   bool refined_ = false;          // the base mesh is not the one that BaseDomain::make() made
   // By which function of BaseDomain's the base mesh was made: make() or refine(); faces(); simplifiedFaces().
   enum class BaseKind : uint8_t { kEven, kFaces, kSimplified } base_kind_ = BaseKind::kEven;
   int round_ = 0, in_vain_ = 0;  // bakes of this kind of base, and how many of the last ones were no better
-  bool more_samples_ = false;    // a bake that is told its tolerance may take 16 times as many (BakeOptions)
+  // The least excess before the last round, and before the one before it; of simplified bases.
+  std::array<double, 2> excess_before_{std::numeric_limits<double>::infinity(),
+                                       std::numeric_limits<double>::infinity()};
+  bool more_samples_ = false;  // a bake that is told its tolerance may take 16 times as many (BakeOptions)
   MeshBuildResult result_;
 };
 
@@ -502,6 +510,11 @@ Result<void> MeshBuild::bake() {
   if (base_kind_ == BaseKind::kFaces) bake_options.touch_mm = kRounding * diagonal;
   bake_options.workers = a_.package.workers;
   bake_options.errors = false;
+  // Far off, most of a bake would go to a fit that hardly helps: not where patches of the scan's own triangles come
+  // next, whatever it misses. Were it the best in the end, it would get its fit.
+  constexpr double kFarOff = 16;
+  const bool faces_are_next = base_kind_ == BaseKind::kEven && scan.triangles.size() <= 2 * size_t{kMostPatches};
+  if (faces_are_next && a_.patches == 0 && !best_is_known_) bake_options.fit_within = kFarOff;
   auto bake = stages_.run("bake", bake_options, [&]() -> Result<std::unique_ptr<MeshBake>> {
     Result<BakeScene>& scene = bake_scene_->get();
     if (!scene) return scene.error();
@@ -524,7 +537,12 @@ Result<Fidelity> MeshBuild::measureBake(const MeshBake& bake, double tolerance) 
   const TriMesh& scan = loaded_.mesh;
   FidelityOptions run{.workers = a_.package.workers, .interrupted = &interruptedFlag()};
   run.memory_bytes = memoryLeft(uint64_t{32} << 20);
-  if (!fidelity_scan_) fidelity_scan_.emplace(scan, a_.package.workers);
+  run.hints = &fidelity_hints_;
+  if (!fidelity_scan_) {
+    const Result<BakeScene>& scene = bake_scene_->get();
+    fidelity_scan_.emplace(scan, a_.package.workers, 0,
+                           scene && scene->rasteriser ? scene->rasteriser->runs() : nullptr);
+  }
   const double diagonal = diagonalOf(scan);
   if (tolerance == 0) tolerance = toleranceOf(a_, diagonal);
   const FidelityTarget target = tolerance > 0 ? FidelityTarget::within(tolerance) : FidelityTarget::of(diagonal);
@@ -557,9 +575,17 @@ Result<void> MeshBuild::bakeUntilKept() {
   bake_ = std::move(best);
   base_ = std::move(best_base);
   base_kind_ = best_kind;
+  if (bake_->report().far_off) {
+    best_is_known_ = true;
+    if (auto done = bake(); !done) return done;
+    auto found = stages_.run("bake", [&] { return measureBake(*bake_); });
+    if (!found) return found.error();
+    fidelity_ = std::move(*found);
+  }
   if (auto done = chooseStep(); !done) return done;
   if (auto done = stages_.run("bake", [&] { return findKeptTolerance(); }); !done) return done;
   fidelity_scan_.reset();
+  fidelity_hints_ = {};
   if (auto done = stages_.run("bake", [&] { return bake_->findErrors(); }); !done) return done;
   result_.fidelity = inMm(fidelity_, loaded_.mesh.origin_mm, mmPerUnit(a_.unit));
   if (a_.strict && !fidelity_.kept()) return missed("nothing was written, as --strict asks for");
@@ -595,10 +621,17 @@ Result<bool> MeshBuild::nextBase(const Fidelity& now, BakeLimit limit, bool bett
     constexpr double kNearly = 1.3;  // times the target: some more rounds are worth their while
     const int rounds = !fidelity_.kept() && fidelity_.excess() < kNearly ? 2 * kRounds : kRounds;
     const bool far_off = fidelity_.excess() > kFarOff;
-    if (round_ > rounds || in_vain_ == kInVain || now.excess() > kHopeless) {
+    // What the last two rounds gained, as often again as rounds are left.
+    const double gained = fidelity_.excess() / excess_before_[1], left = std::max(rounds - round_ + 1, 0) / 2.0;
+    const bool in_sight = round_ < 3 || loaded_.mesh.triangles.size() > 2 * size_t{kMostFaces} ||
+                          fidelity_.excess() * std::pow(gained, left) <= kFarOff;
+    excess_before_ = {fidelity_.excess(), excess_before_[0]};
+    const bool over = round_ > rounds || in_vain_ == kInVain || now.excess() > kHopeless;
+    if (over && !far_off) return false;
+    if (over || !in_sight) {
       // Thin parts and parts that touch: the scan's own triangles show them, at many times the bytes.
-      if (!far_off) return false;
-      return use(BaseKind::kFaces, stages_.run("base", [&] { return domain_->faces(kMostFaces); }));
+      auto done = use(BaseKind::kFaces, stages_.run("base", [&] { return domain_->faces(kMostFaces); }));
+      if (over || !done || *done) return done;
     }
   } else if (now.excess() <= kHopeless || !first) {
     // Where the samples ran out, patches that stay as they are get more of them first.

@@ -8,7 +8,9 @@
 #include <vector>
 
 #include "geometry/bake/bake_context.h"
+#include "geometry/bake/between_samples.h"
 #include "geometry/bake/grid_error.h"
+#include "src/artwork/patch_domain.h"
 
 namespace relievo {
 
@@ -24,11 +26,16 @@ struct BakedHeights {
   int reliefDepth() const { return std::max(cells_log2 - kPageCellsLog2, 0); }
   // The samples of one patch, (2^cells_log2 + 1)^2.
   void gather(const BakeContext& context, uint32_t patch, std::span<uint16_t> out) const;
-  // The same at the finest drawn grid, 2^(7 + reliefDepth()) cells a side. Coarser samples are interpolated linearly on
-  // the cells' triangles.
-  void finest(const BakeContext& context, uint32_t patch, std::span<uint16_t> out) const;
-  // The positions of that grid's vertices, in the scan's coordinates.
+  // Those at the vertices of a grid of 2^log2 cells a side, at most finestLog2(): of the samples, or between them
+  // interpolated linearly on the cells' triangles. Where two grids have a vertex, both have the same there.
+  void grid(const BakeContext& context, uint32_t patch, int log2, std::span<uint16_t> out) const;
+  int finestLog2() const { return kPageCellsLog2 + reliefDepth(); }  // of the cells that are drawn
+  void finest(const BakeContext& context, uint32_t patch, std::span<uint16_t> out) const {
+    grid(context, patch, finestLog2(), out);
+  }
+  // The positions of the vertices of a grid of out.cells_log2, in the scan's coordinates.
   void surface(const BakeContext& context, uint32_t patch, SurfaceGrid& out) const;
+  BetweenSamples betweenSamples(const BakeContext& context, uint32_t patch) const;
 };
 
 }  // namespace relievo

@@ -6,6 +6,7 @@
 #include <atomic>
 #include <cstdint>
 #include <functional>
+#include <memory>
 #include <vector>
 
 #include "geometry/bake/mesh_bake.h"
@@ -57,10 +58,10 @@ double diagonalOf(const TriMesh& mesh);  // of the bounding box
 
 // What several measurements of a scan share. The mesh must outlive it unchanged. samples: in each direction; 0 is
 // 50,000, or for less than 1,000 triangles 50 each and 10,000 at least (of 10,000 one may lie beyond: kMaxAreaBeyond).
-// workers: 0 is one for each core.
+// workers: 0 is one for each core. runs: of the mesh, made before; or empty.
 class FidelityScan {
  public:
-  FidelityScan(const TriMesh& mesh, int workers, uint64_t samples = 0);
+  FidelityScan(const TriMesh& mesh, int workers, uint64_t samples = 0, std::shared_ptr<const TriangleRuns> runs = {});
   const TriMesh& mesh() const { return *mesh_; }
   const ClosestSearch& search() const { return search_; }
   double diagonalMm() const { return diagonal_mm_; }
@@ -78,10 +79,17 @@ class FidelityScan {
   size_t area_samples_ = 0;
 };
 
+// Where a measurement found each sample's nearest. The next one of the same scan begins to search there, which takes a
+// fraction of the time where the surface has hardly moved; distances are the same wherever the search begins.
+struct FidelityHints {
+  std::vector<uint32_t> to_drawn, to_scan;
+};
+
 struct FidelityOptions {
   int workers = 0;
   uint64_t memory_bytes = 0;  // as DistanceOptions has it
   const std::atomic<bool>* interrupted = nullptr;
+  FidelityHints* hints = nullptr;  // of the measurement before, or empty; receives this one's
 };
 // Error: kInterrupted.
 Result<Fidelity> measureFidelity(const FidelityScan& scan, const MeshBake& baked, const FidelityTarget& target,

@@ -19,6 +19,7 @@ RELIEVO_SIMD_CLONES void refine(const SurfaceGrid& coarse, SurfaceGrid& fine) no
     for (size_t y = 0; y <= n; ++y) {
       const double* a = in + y * row;
       double* o = out + 2 * y * fine_row;
+#pragma GCC ivdep
       for (size_t x = 0; x < n; ++x) {
         o[2 * x] = a[x];
         o[2 * x + 1] = 0.5 * (a[x] + a[x + 1]);
@@ -27,6 +28,7 @@ RELIEVO_SIMD_CLONES void refine(const SurfaceGrid& coarse, SurfaceGrid& fine) no
       if (y == n) break;
       const double* b = a + row;
       o += fine_row;
+#pragma GCC ivdep
       for (size_t x = 0; x < n; ++x) {
         o[2 * x] = 0.5 * (a[x] + b[x]);
         o[2 * x + 1] = 0.5 * (a[x] + b[x + 1]);
@@ -44,8 +46,9 @@ RELIEVO_SIMD_CLONES void unitNormals(const std::array<glm::dvec3, 4>& corners, s
     const double v = static_cast<double>(y) * step;
     const glm::dvec3 left = corners[0] * (1 - v) + corners[2] * v, right = corners[1] * (1 - v) + corners[3] * v;
     double *nx = out[0].data() + y * row, *ny = out[1].data() + y * row, *nz = out[2].data() + y * row;
+#pragma GCC ivdep
     for (size_t x = 0; x < row; ++x) {
-      const double u = static_cast<double>(x) * step;
+      const double u = static_cast<double>(static_cast<int>(x)) * step;
       const double a = left.x * (1 - u) + right.x * u, b = left.y * (1 - u) + right.y * u,
                    c = left.z * (1 - u) + right.z * u;
       const double squared = a * a + b * b + c * c, scale = squared > 1e-12 ? 1 / std::sqrt(squared) : 0.0;
@@ -76,10 +79,23 @@ double maxOf(const std::vector<double>& of, size_t first, size_t last) {
   for (size_t x = first; x <= last; ++x) maximum = std::max(maximum, of[x]);
   return maximum;
 }
-double minOf(const std::vector<double>& of, size_t first, size_t last) {
-  double minimum = 0;
-  for (size_t x = first; x <= last; ++x) minimum = std::min(minimum, of[x]);
-  return minimum;
+// Each value becomes the largest, or least, of itself and of the `step` behind it, a power of two: by doubling, in
+// vectors. Those at the end have fewer behind them.
+void widenMaxima(std::vector<double>& values, size_t step) {
+  double* v = values.data();
+  auto widen = [&](size_t by) {
+    for (size_t x = 0; x + by < values.size(); ++x) v[x] = v[x] > v[x + by] ? v[x] : v[x + by];
+  };
+  for (size_t by = 1; by < step; by *= 2) widen(by);
+  widen(1);
+}
+void widenMinima(std::vector<double>& values, size_t step) {
+  double* v = values.data();
+  auto widen = [&](size_t by) {
+    for (size_t x = 0; x + by < values.size(); ++x) v[x] = v[x] < v[x + by] ? v[x] : v[x + by];
+  };
+  for (size_t by = 1; by < step; by *= 2) widen(by);
+  widen(1);
 }
 void allocateRows(size_t row, GridErrorScratch::Rows& rows) {
   for (auto* of : {&rows.now, &rows.high, &rows.low})
@@ -100,6 +116,7 @@ RELIEVO_SIMD_CLONES void blockExtremes(const SurfaceGrid& coarse, const SurfaceG
     const double *nx = normals[0].data() + at, *ny = normals[1].data() + at, *nz = normals[2].data() + at;
     double *ox = now[0].data(), *oy = now[1].data(), *oz = now[2].data(), *along = now[3].data(),
            *os = squared_now.data(), *oa = aside_now.data();
+#pragma GCC ivdep
     for (size_t x = 0; x < row; ++x) {
       const double dx = bx[x] - ax[x], dy = by[x] - ay[x], dz = bz[x] - az[x];
       const double s = dx * dx + dy * dy + dz * dz, a = dx * nx[x] + dy * ny[x] + dz * nz[x], across = s - a * a;
@@ -114,14 +131,16 @@ RELIEVO_SIMD_CLONES void blockExtremes(const SurfaceGrid& coarse, const SurfaceG
     if (y == 0) continue;
     Extremes* of_blocks = out.data() + (y - 1) / size * blocks;
     if (y % step == 0) {
+      for (auto& values : high) widenMaxima(values, step);
+      for (auto& values : low) widenMinima(values, step);
       for (size_t x = 0; x < n; x += step) {
         Extremes& e = of_blocks[x / size];
         double diagonal = 0;
         for (size_t axis = 0; axis < 3; ++axis) {
-          const double width = maxOf(high[axis], x, x + step) - minOf(low[axis], x, x + step);
+          const double width = std::max(high[axis][x], 0.0) - std::min(low[axis][x], 0.0);
           diagonal += width * width;
         }
-        const double above = maxOf(high[3], x, x + step), below = -minOf(low[3], x, x + step);
+        const double above = std::max(high[3][x], 0.0), below = -std::min(low[3][x], 0.0);
         e.above = std::max(e.above, above), e.below = std::max(e.below, below),
         e.between = std::max(e.between, above + below);
         e.apart = std::max(e.apart, diagonal);
@@ -150,6 +169,7 @@ RELIEVO_SIMD_CLONES void largestSquared(const SurfaceGrid& grid, const SurfaceGr
     const double *ax = grid.axes[0].data() + at, *ay = grid.axes[1].data() + at, *az = grid.axes[2].data() + at;
     const double *bx = finest.axes[0].data() + of_finest, *by = finest.axes[1].data() + of_finest,
                  *bz = finest.axes[2].data() + of_finest;
+#pragma GCC ivdep
     for (size_t x = 0; x < row; ++x) {
       const double dx = bx[x] - ax[x], dy = by[x] - ay[x], dz = bz[x] - az[x], s = dx * dx + dy * dy + dz * dz;
       h[x] = h[x] > s ? h[x] : s;
@@ -202,6 +222,41 @@ void blocksWithin(const SurfaceGrid& finest, double tolerance, GridErrorScratch&
       out[block] = upperBound(std::sqrt(maxOf(largest, 0, width)) * kRoundUp) <= tolerance;
     }
   }
+}
+
+std::vector<GridErrors> gridErrors(const SurfaceGrid& grid, const BetweenSamples& between,
+                                   const std::array<glm::dvec3, 4>& corner_normals, GridErrorScratch& scratch) {
+  std::vector<GridErrors> errors = gridErrors(grid, corner_normals, scratch);
+  const int from = grid.cells_log2;
+  if (from == between.finest_log2) return errors;
+  // At a vertex of the finest grid the deviation is a mix of those at the vertices of a cell around it, and what lies
+  // between samples; the normal may be that of another place of the cell.
+  const double more = between.mm(from) * kRoundUp, turn = between.normalChange(from) * kRoundUp;
+  for (int log2 = 0; log2 < from; ++log2) {
+    GridErrors& e = errors[static_cast<size_t>(log2)];
+    for (size_t i = 0; i < e.mm.size(); ++i) {
+      const Deviation d = deviationOf(e.mm[i], e.shapes[i]);
+      const double mm = d.mm + more, turned = turn * d.mm + more;
+      const Deviation with{mm,
+                           std::min(mm, d.below_mm + turned),
+                           std::min(mm, d.above_mm + turned),
+                           std::min(mm, d.aside_mm + 2 * turned),
+                           d.between_mm + 2 * turned,
+                           std::min(2 * mm, d.apart_mm + 2 * more)};
+      e.mm[i] = upperBound(mm);
+      e.shapes[i] = shapeOf(with);
+    }
+  }
+  for (int log2 = from; log2 <= between.finest_log2; ++log2) {
+    errors.resize(static_cast<size_t>(log2) + 1);
+    GridErrors& e = errors.back();
+    const auto blocks = static_cast<size_t>(errorBlocksPerSide(log2));
+    // The same for all of them: smaller ones would be no less negligible, and take more bytes.
+    const double mm = log2 < between.finest_log2 ? more : 0;
+    e.mm.assign(blocks * blocks, upperBound(mm));
+    e.shapes.assign(blocks * blocks, shapeOf(Deviation::anyDirection(mm)));
+  }
+  return errors;
 }
 
 std::vector<GridErrors> gridErrors(const SurfaceGrid& finest, const std::array<glm::dvec3, 4>& corner_normals,

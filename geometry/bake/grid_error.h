@@ -9,6 +9,7 @@
 
 #include <glm/glm.hpp>
 
+#include "geometry/bake/between_samples.h"
 #include "src/artwork/deviation.h"
 
 namespace relievo {
@@ -52,6 +53,12 @@ struct GridErrorScratch {
 // corner_normals: of the base, not zero, at (u, v) = (0,0), (1,0), (0,1), (1,1).
 std::vector<GridErrors> gridErrors(const SurfaceGrid& finest, const std::array<glm::dvec3, 4>& corner_normals,
                                    GridErrorScratch& scratch);
+
+// The same of all grids up to between.finest_log2, found on `grid`, which is one of those that have all samples, in a
+// fraction of the time. Errors exceed those that gridErrors() finds on the finest grid by at most twice
+// between.mm(grid.cells_log2); shapes are wider by that and by between.normalChange(grid.cells_log2).
+std::vector<GridErrors> gridErrors(const SurfaceGrid& grid, const BetweenSamples& between,
+                                   const std::array<glm::dvec3, 4>& corner_normals, GridErrorScratch& scratch);
 
 // Of the same grids' blocks, which have errors of at most `tolerance`: within[cells_log2][block] is 1. In a fraction of
 // gridErrors()'s time. Grids of one cell are left out.

@@ -129,6 +129,8 @@ Result<void> HeightSearch::searchFromCoarse(int min_log2) {
     if (report_.limit != BakeLimit::kNone) break;
   }
   if (!options_.fit || (deviation <= tolerance_mm_ && log2 == min_log2)) return {};
+  report_.far_off = options_.fit_within > 0 && deviation > options_.fit_within * tolerance_mm_;
+  if (report_.far_off) return {};
   if (deviation > tolerance_mm_)
     if (auto traced = traceTo(tracedLog2(log2)); !traced) return traced;
   return useFittedHeights(min_log2, log2);

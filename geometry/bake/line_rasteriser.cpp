@@ -5,14 +5,12 @@
 #include <vector>
 
 #include "src/base/hash_index.h"
-#include "src/base/parallel_for.h"
 #include "src/base/simd_dispatch.h"
 
 namespace relievo {
 namespace {
 
-constexpr size_t kBlock = 16;  // triangles for each box; a strip of 16 is not much longer than it is wide
-constexpr int kSteps = 4;      // Newton iterations: from an error of a tenth of the square down to rounding
+constexpr int kSteps = 4;  // Newton iterations: from an error of a tenth of the square down to rounding
 // Of the square's side: (u, v) are also computed this far outside, for triangles that cross the border.
 constexpr float kMargin = 0.25f;
 constexpr float kRounding = 1e-5f;   // error bound of (u, v): single precision and Newton's remainder
@@ -271,17 +269,6 @@ void binLines(std::span<const RasterLine> raster_lines, size_t bins, Scratch& s)
 
 }  // namespace
 
-LineRasteriser::LineRasteriser(const TriMesh& mesh, int workers) : mesh_(&mesh) {
-  std::vector<Box> boxes((mesh.triangles.size() + kBlock - 1) / kBlock);
-  constexpr size_t kBlocksPerJob = 1024;
-  parallelFor((boxes.size() + kBlocksPerJob - 1) / kBlocksPerJob, workers, nullptr, [&](size_t job) {
-    for (size_t b = job * kBlocksPerJob; b < std::min(boxes.size(), (job + 1) * kBlocksPerJob); ++b)
-      for (size_t t = b * kBlock; t < std::min(mesh.triangles.size(), (b + 1) * kBlock); ++t)
-        for (uint32_t v : mesh.triangles[t]) boxes[b].add(mesh.positions_mm[v]);
-  });
-  blocks_ = BoxTree(boxes);
-}
-
 void LineRasteriser::nearest(const RasterSquare& square, std::span<const RasterLine> raster_lines,
                              std::span<const Line> lines, std::span<SurfacePoint> hits) const {
   std::fill(hits.begin(), hits.end(), SurfacePoint{});
@@ -366,8 +353,9 @@ bool passesThrough(const TriMesh& mesh, uint32_t triangle, const Line& line) {
 }
 
 // Collects the triangles of all blocks that may reach into the volume, and their vertices.
-void collectTriangles(const TriMesh& mesh, const BoxTree& blocks, const LineVolume& volume, const glm::dvec3& middle,
-                      Scratch& s) {
+void collectTriangles(const TriangleRuns& runs, const LineVolume& volume, const glm::dvec3& middle, Scratch& s) {
+  const TriMesh& mesh = runs.mesh();
+  const BoxTree& blocks = runs.boxes();
   const glm::vec3 centre(middle);
   const float rounding = 1e-6f * glm::length(centre);
   auto overlaps = [&](const Box& box) {
@@ -404,12 +392,13 @@ void collectTriangles(const TriMesh& mesh, const BoxTree& blocks, const LineVolu
     s.blocks[kept++] = s.blocks[i];
   }
   s.blocks.resize(kept);
-  s.clear(s.blocks.size() * kBlock * 5 / 8);
+  s.clear(s.blocks.size() * TriangleRuns::kRun * 5 / 8);
   for (uint32_t block : s.blocks) {
     // Most triangles share two vertices with the one before.
     std::array<uint32_t, 3> previous{}, previous_locals{};
     bool any = false;
-    for (size_t t = block * kBlock; t < std::min(mesh.triangles.size(), (block + 1) * kBlock); ++t) {
+    for (size_t i = 0, count = runs.sizeOf(block); i < count; ++i) {
+      const uint32_t t = runs.triangle(block, i);
       const auto& corners = mesh.triangles[t];
       std::array<uint32_t, 3> locals;
       for (size_t k = 0; k < 3; ++k) {
@@ -423,7 +412,7 @@ void collectTriangles(const TriMesh& mesh, const BoxTree& blocks, const LineVolu
       previous_locals = locals;
       any = true;
       s.triangles.push_back(locals);
-      s.triangle_numbers.push_back(static_cast<uint32_t>(t));
+      s.triangle_numbers.push_back(t);
     }
   }
 }
@@ -523,7 +512,8 @@ bool LineRasteriser::rasterise(const RasterSquare& square, std::span<const Raste
 
   static thread_local Scratch scratch;
   Scratch& s = scratch;
-  collectTriangles(*mesh_, blocks_, volume, middle, s);
+  const TriMesh& mesh = runs_->mesh();
+  collectTriangles(*runs_, volume, middle, s);
   s.allocateUvh();
   computeVertexUvh(volume, s);
   const auto bins = static_cast<size_t>(std::clamp(std::sqrt(static_cast<double>(raster_lines.size())), 1.0, 256.0));
@@ -531,11 +521,11 @@ bool LineRasteriser::rasterise(const RasterSquare& square, std::span<const Raste
   std::array<glm::vec3, 4> normals;
   for (size_t k = 0; k < 4; ++k) normals[k] = glm::vec3(square.normals[k]);
   s.nearest.assign(s.line.size(), SurfacePoint::kNone);
-  if (!rasteriseTriangles(*mesh_, volume, normals, lines, bins, s)) return false;
+  if (!rasteriseTriangles(mesh, volume, normals, lines, bins, s)) return false;
   for (size_t at = 0; at < raster_lines.size(); ++at) {
     if (s.nearest[at] == SurfacePoint::kNone) continue;
     const Line& line = lines[s.line[at]];
-    const TrianglePlane plane = trianglePlane(*mesh_, s.nearest[at]);
+    const TrianglePlane plane = trianglePlane(mesh, s.nearest[at]);
     const double steep = glm::dot(plane.normal, line.direction), area = glm::dot(plane.normal, plane.normal);
     // A line along the surface is left open: rounding would decide.
     if (!(steep > 0) || !(steep * steep > 1e-12 * area * glm::dot(line.direction, line.direction))) continue;

@@ -17,22 +17,29 @@ namespace relievo {
 MeasuredSurface::MeasuredSurface(const MeshBake& baked, double tolerance_mm, int workers,
                                  const std::atomic<bool>* interrupted)
     : baked_(baked), workers_(workers), interrupted_(interrupted) {
-  const int finest_log2 = kPageCellsLog2 + baked.reliefDepth();
+  // A grid that has all samples says the same as the finest where what it leaves out decides about no block.
+  constexpr double kLeftOut = 0.05;
   blocks_.resize(baked.base().patches.size());
   triangles_.resize(blocks_.size());
   struct Scratch {
-    SurfaceGrid finest;
+    std::vector<SurfaceGrid> finest;  // by cells_log2
     GridErrorScratch errors;
-    std::vector<std::vector<uint8_t>> within;
+    std::vector<std::vector<uint8_t>> within, surely;
   };
   parallelForWith(
-      blocks_.size(), workers, interrupted,
-      [&] {
-        return Scratch{SurfaceGrid(finest_log2), {}, {}};
-      },
+      blocks_.size(), workers, interrupted, [&] { return Scratch{}; },
       [&](Scratch& s, size_t patch) {
-        baked_.surface(static_cast<uint32_t>(patch), s.finest);
-        blocksWithin(s.finest, tolerance_mm, s.errors, s.within);
+        const BetweenSamples between = baked_.betweenSamples(static_cast<uint32_t>(patch));
+        auto lookAt = [&](int log2) {
+          for (int k = static_cast<int>(s.finest.size()); k <= log2; ++k) s.finest.emplace_back(k);
+          SurfaceGrid& finest = s.finest[static_cast<size_t>(log2)];
+          baked_.surface(static_cast<uint32_t>(patch), finest);
+          blocksWithin(finest, tolerance_mm, s.errors, s.within);
+          if (log2 == between.finest_log2) return true;
+          blocksWithin(finest, tolerance_mm - between.mm(log2), s.errors, s.surely);
+          return s.within == s.surely;
+        };
+        if (!lookAt(between.coarsestWithin(kLeftOut * tolerance_mm))) lookAt(between.finest_log2);
         blocks_[patch] = blocksOf(s.within);
         for (const Block& b : blocks_[patch]) triangles_[patch] += uint64_t{2} * b.cells * b.cells;
       });
@@ -40,7 +47,7 @@ MeasuredSurface::MeasuredSurface(const MeshBake& baked, double tolerance_mm, int
 
 std::vector<MeasuredSurface::Block> MeasuredSurface::blocksOf(const std::vector<std::vector<uint8_t>>& within) {
   const int finest_log2 = static_cast<int>(within.size()) - 1;
-  for (int log2 = 1; log2 <= 3; ++log2)
+  for (int log2 = 1; log2 <= std::min(finest_log2, 3); ++log2)
     if (within[static_cast<size_t>(log2)][0])
       return {{static_cast<uint8_t>(log2), static_cast<uint8_t>(1 << log2), 0, 0}};
   std::vector<Block> out, pending{{3, 8, 0, 0}};
@@ -90,17 +97,20 @@ MeasuredSurface::Part MeasuredSurface::part(size_t first, size_t end, double are
     begins[p - first + 1] = at;
   }
   Part out;
+  out.patches_ = end - first;
   out.vertices_.resize(begins.back().vertex);
   out.rows_.resize(begins.back().row);
   std::vector<Box> boxes(begins.back().row);
   const BaseMesh& base = baked_.base();
-  const int finest_log2 = kPageCellsLog2 + baked_.reliefDepth();
-  const size_t finest_row = (size_t{1} << finest_log2) + 1;
   parallelForWith(
-      end - first, workers_, interrupted_, [&] { return std::vector<uint16_t>(finest_row * finest_row); },
+      end - first, workers_, interrupted_, [&] { return std::vector<uint16_t>(); },
       [&](std::vector<uint16_t>& q, size_t i) {
         const auto patch = static_cast<uint32_t>(first + i);
-        (void)baked_.heights(patch, q);
+        int finest_log2 = 0;
+        for (const Block& b : blocks_[patch]) finest_log2 = std::max<int>(finest_log2, b.log2);
+        const size_t finest_row = (size_t{1} << finest_log2) + 1;
+        q.resize(finest_row * finest_row);
+        baked_.heightsOfGrid(patch, finest_log2, q);
         Begin at = begins[i];
         for (const Block& b : blocks_[patch]) {
           const size_t step = size_t{1} << (finest_log2 - b.log2), row = b.cells + 1u;

@@ -69,25 +69,38 @@ BakeTexture textureOf(const TriMesh& mesh, const MeshBake::Image& image) {
   return texture;
 }
 
-// The errors of each patch's grids (gridErrors()). Empty: the bake was interrupted.
+// The errors of each patch's grids (gridErrors()). What grids leave out between samples is left out here, too, where it
+// is a small share of the tolerance. Empty: the bake was interrupted.
 std::vector<std::vector<GridErrors>> errorsOfPatches(const BakeContext& context, const BakedHeights& baked,
-                                                     const std::function<void(double)>& progress) {
+                                                     double tolerance_mm, const std::function<void(double)>& progress) {
+  // Of the tolerance, and of the shapes, which packages round to sevenths. Packages keep no shape of errors up to half
+  // the RMS that is aimed at (PatchSource::slightErrorMm()).
+  constexpr double kNegligible = 1.0 / 32, kNegligibleTurn = 1.0 / 32, kSlight = 0.15;
   struct Scratch {
-    SurfaceGrid finest;
+    std::vector<SurfaceGrid> grids;  // by cells_log2
     GridErrorScratch errors;
   };
   const size_t patches = context.base.patches.size();
   std::vector<std::vector<GridErrors>> errors(patches);
   const bool done = parallelForWith(
-      patches, context.workers, context.interrupted,
-      [&] {
-        return Scratch{SurfaceGrid(kPageCellsLog2 + baked.reliefDepth()), {}};
-      },
+      patches, context.workers, context.interrupted, [&] { return Scratch{}; },
       [&](Scratch& s, size_t p) {
-        baked.surface(context, static_cast<uint32_t>(p), s.finest);
+        const BetweenSamples between = baked.betweenSamples(context, static_cast<uint32_t>(p));
         std::array<glm::dvec3, 4> normals;
         for (size_t k = 0; k < 4; ++k) normals[k] = context.base.corners[context.base.patches[p][k]].normal;
-        errors[p] = gridErrors(s.finest, normals, s.errors);
+        auto from = [&](int log2) {
+          for (int k = static_cast<int>(s.grids.size()); k <= log2; ++k) s.grids.emplace_back(k);
+          SurfaceGrid& grid = s.grids[static_cast<size_t>(log2)];
+          baked.surface(context, static_cast<uint32_t>(p), grid);
+          errors[p] = gridErrors(grid, between, normals, s.errors);
+        };
+        const int coarsest = between.coarsestWithin(kNegligible * tolerance_mm);
+        from(coarsest);
+        if (errors[p][0].mm[0] <= kSlight * tolerance_mm)
+          return;  // of such errors it matters to nobody where they point
+        int log2 = coarsest;
+        while (log2 < between.finest_log2 && between.normalChange(log2) > kNegligibleTurn) ++log2;
+        if (log2 > coarsest) from(log2);
       },
       [&](size_t taken) {
         if (progress) progress(static_cast<double>(taken) / static_cast<double>(patches));
@@ -109,7 +122,7 @@ double errorUnit(const std::vector<std::vector<GridErrors>>& errors, double reli
 }  // namespace
 
 bool MeshBake::Impl::findErrors(const std::function<void(double)>& progress) {
-  errors = errorsOfPatches(context, baked, progress);
+  errors = errorsOfPatches(context, baked, report.tolerance_mm, progress);
   if (errors.empty()) return false;
   error_unit_mm = errorUnit(errors, baked.scale_mm);
   return true;
@@ -200,6 +213,14 @@ Result<void> MeshBake::setStep(double step_mm) {
 Result<void> MeshBake::findErrors() { return impl_->findErrors({}) ? Result<void>() : interruptedError(); }
 
 void MeshBake::surface(uint32_t patch, SurfaceGrid& out) const { impl_->baked.surface(impl_->context, patch, out); }
+
+BetweenSamples MeshBake::betweenSamples(uint32_t patch) const {
+  return impl_->baked.betweenSamples(impl_->context, patch);
+}
+
+void MeshBake::heightsOfGrid(uint32_t patch, int cells_log2, std::span<uint16_t> out) const {
+  impl_->baked.grid(impl_->context, patch, cells_log2, out);
+}
 
 Result<void> MeshBake::heights(uint32_t patch, std::span<uint16_t> out) const {
   impl_->baked.finest(impl_->context, patch, out);

@@ -10,6 +10,7 @@
 #include <span>
 #include <vector>
 
+#include "geometry/bake/between_samples.h"
 #include "geometry/bake/grid_error.h"
 #include "geometry/mesh/tri_mesh.h"
 #include "src/artwork/base_mesh.h"
@@ -29,6 +30,9 @@ struct BakeOptions {
   // if cells_log2 is -1, with as few cells for each patch as keep the tolerance. No fit is made if the coarsest grid
   // keeps the tolerance anyway.
   bool fit = true;
+  // No fit is made where the deviation is larger than so many times the tolerance when no more cells are tried: a base
+  // of another shape is needed there, and a bake that only shows this need not be the best. 0: it is always made.
+  double fit_within = 0;
   // Where a line meets the scan far from the base but the base touches the scan, the height is taken there. Bases whose
   // sides follow sharp edges need this. It costs a search of the closest point for such lines.
   bool prefer_touching = false;
@@ -53,7 +57,8 @@ enum class BakeLimit : uint8_t {
 };
 struct BakeReport {
   int cells_log2 = 0, texture_depth = 0;
-  bool fitted = false;  // the heights are a least-squares fit
+  bool fitted = false;   // the heights are a least-squares fit
+  bool far_off = false;  // no fit was made: BakeOptions::fit_within
   // (n + 1)^2 for each patch, shared ones counted once. n: 2^cells_log2, or fewer cells where these keep the tolerance.
   uint64_t samples = 0;
   uint64_t by_closest_point = 0;  // samples whose lines do not meet the scan within a patch's width
@@ -125,8 +130,14 @@ class MeshBake {
   // to the texels' size.
   Result<void> texels(uint32_t patch, std::span<uint8_t> out) const;
   Result<void> heights(uint32_t patch, std::span<uint16_t> out) const;
-  // The positions of its finest grid's vertices, in the scan's coordinates. out: of 7 + reliefDepth().
+  // Of the finest drawn grid, of 2^finestLog2() cells a side, or at the vertices of a coarser one, (2^cells_log2 +
+  // 1)^2.
+  int finestLog2() const { return 7 + reliefDepth(); }
+  void heightsOfGrid(uint32_t patch, int cells_log2, std::span<uint16_t> out) const;
+  // The positions of a grid's vertices, in the scan's coordinates. out: of at most finestLog2().
   void surface(uint32_t patch, SurfaceGrid& out) const;
+  // How little coarser grids of a patch differ from the finest.
+  BetweenSamples betweenSamples(uint32_t patch) const;
   // The errors of a patch's grid of 2^cells_log2 cells a side, 0 <= cells_log2 <= 7 + reliefDepth(), since grids
   // coarser than a root page's are drawn, too. By blocks of 8 x 8 cells: index y * B + x, B = errorBlocks(cells_log2).
   static int errorBlocks(int cells_log2) { return errorBlocksPerSide(cells_log2); }

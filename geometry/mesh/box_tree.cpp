@@ -1,20 +1,27 @@
 #include "geometry/mesh/box_tree.h"
 
+#include <cstring>
+
+#include "src/base/simd_dispatch.h"
+
 namespace relievo {
 
-// Not inline: beside other code compilers turn these loops into branches. p is clamped to the box, which takes two
-// instructions for four boxes; the distance beyond a side takes comparisons with 0.
-BoxGroup::Lanes BoxGroup::squaredDistances(const glm::vec3& p) const noexcept {
+// p is clamped to the box, which takes two instructions for a vector of boxes; the distance beyond a side takes
+// comparisons with 0. Vectors by name: compilers turn loops over so few lanes into branches and single floats.
+RELIEVO_SIMD_CLONES BoxGroup::Lanes BoxGroup::squaredDistances(const glm::vec3& p) const noexcept {
+  typedef float Vector __attribute__((vector_size(sizeof(Lanes))));
   const std::array<float, 3> place{p.x, p.y, p.z};
-  Lanes out{};
+  Vector sum{};
   for (size_t axis = 0; axis < 3; ++axis) {
-    const float at = place[axis];
-    for (size_t i = 0; i < kBoxes; ++i) {
-      const float from = at < low[axis][i] ? low[axis][i] : at, inside = from > high[axis][i] ? high[axis][i] : from,
-                  away = inside - at;
-      out[i] += away * away;
-    }
+    Vector below, above;
+    std::memcpy(&below, low[axis].data(), sizeof below);
+    std::memcpy(&above, high[axis].data(), sizeof above);
+    const Vector at = place[axis] - Vector{};
+    const Vector from = at < below ? below : at, inside = from > above ? above : from, away = inside - at;
+    sum += away * away;
   }
+  Lanes out;
+  std::memcpy(out.data(), &sum, sizeof sum);
   return out;
 }
 

@@ -91,6 +91,7 @@ class BoxTree {
       levels_.push_back(groupsOf(coarse));
     }
   }
+  size_t parts() const { return parts_; }
   Box part(size_t i) const { return levels_[0][i / kFan].box(i % kFan); }
   // visit(part) for those whose boxes, and all above them, `wanted` takes, in their order.
   template <class Wanted, class Visit>

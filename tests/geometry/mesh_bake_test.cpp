@@ -903,6 +903,23 @@ TEST(MeshBake, patchesHaveAsManyCellsAsTheyNeed) {
   EXPECT_GT(bake(mesh, base, {.cells_log2 = plain->report().cells_log2 - 1})->report().deviation_mm, kTolerance);
 }
 
+TEST(MeshBake, noFitIsMadeFarOff) {
+  const TriMesh mesh = sheetMesh(10, 10, 40, 4, [](double x, double) { return x < 5.001 ? 0.0 : 3.0; });
+  const BaseMesh base = sheetBase(10, 10, 1, 1);
+  auto fitted = bake(mesh, base, {.tolerance_mm = 0.05}),
+       near = bake(mesh, base, {.tolerance_mm = 0.05, .fit_within = 1e3}),
+       far_off = bake(mesh, base, {.tolerance_mm = 0.05, .fit_within = 0.01});
+  ASSERT_TRUE(fitted && near && far_off);
+  EXPECT_GT(far_off->report().deviation_mm, 0.01 * 0.05);
+  EXPECT_TRUE(far_off->report().far_off);
+  EXPECT_FALSE(far_off->report().fitted);
+  for (const auto* other : {&fitted, &near}) {
+    EXPECT_TRUE((*other)->report().fitted);
+    EXPECT_FALSE((*other)->report().far_off);
+  }
+  EXPECT_EQ(heightsOf(*fitted, 0), heightsOf(*near, 0));
+}
+
 TEST(MeshBake, whatCannotBeBakedIsNamed) {
   const TriMesh mesh = sphereMesh(10, 8);
   const BaseMesh base = sphereBase(10, 1);

@@ -337,6 +337,39 @@ TEST(SearchReach, missesNoBoxWithinTheDistance) {
   EXPECT_GT(left_out, tight / 4);
 }
 
+// Each triangle is in one run, within its box; runs beside one another lie near one another.
+TEST(TriangleRuns, HoldEachTriangleOnce) {
+  TriMesh mesh = sphereMesh(10.0, 24);
+  mesh.triangles.pop_back();  // the last run is not a whole one
+  auto sum_of_steps = [](const std::vector<Box>& boxes) {
+    double sum = 0;
+    for (size_t i = 1; i < boxes.size(); ++i)
+      sum += glm::length(boxes[i].low + boxes[i].high - boxes[i - 1].low - boxes[i - 1].high);
+    return sum;
+  };
+  const TriangleRuns runs(mesh, 2);
+  std::vector<int> seen(mesh.triangles.size(), 0);
+  std::vector<Box> boxes;
+  size_t short_runs = 0;
+  for (size_t r = 0; r < runs.boxes().parts(); ++r) {
+    const Box box = runs.boxes().part(r);
+    boxes.push_back(box);
+    short_runs += runs.sizeOf(r) < TriangleRuns::kRun;
+    for (size_t i = 0; i < runs.sizeOf(r); ++i) {
+      const uint32_t t = runs.triangle(r, i);
+      ++seen[t];
+      for (uint32_t v : mesh.triangles[t]) EXPECT_EQ(box.squaredDistance(glm::dvec3(mesh.positions_mm[v])), 0);
+    }
+  }
+  EXPECT_EQ(short_runs, 1u);
+  EXPECT_EQ(std::count(seen.begin(), seen.end(), 1), static_cast<ptrdiff_t>(seen.size()));
+  std::shuffle(boxes.begin(), boxes.end(), std::mt19937(3));
+  const double shuffled = sum_of_steps(boxes);
+  boxes.clear();
+  for (size_t r = 0; r < runs.boxes().parts(); ++r) boxes.push_back(runs.boxes().part(r));
+  EXPECT_LT(sum_of_steps(boxes), 0.5 * shuffled);
+}
+
 // Triangles in any order of the list are searched as fast, and found the same.
 TEST(ClosestSearch, distancesAreThoseOfRayScenesBitForBit) {
   const TriMesh mesh = sphereMesh(10.0, 24);
@@ -346,8 +379,8 @@ TEST(ClosestSearch, distancesAreThoseOfRayScenesBitForBit) {
   auto scene = RayScene::create(mesh);
   ASSERT_TRUE(scene) << scene.error().text();
   const ClosestSearch search(mesh, 2), search_shuffled(shuffled, 2);
-  EXPECT_FALSE(search.ordered());
-  EXPECT_TRUE(search_shuffled.ordered());
+  EXPECT_FALSE(search.runs().ordered());
+  EXPECT_TRUE(search_shuffled.runs().ordered());
   constexpr double kAny = std::numeric_limits<double>::infinity();
   std::uniform_real_distribution<double> place(-15, 15);
   size_t last = kNoPart;

@@ -3,17 +3,20 @@
 #include <algorithm>
 #include <cassert>
 #include <cmath>
-#include <cstdlib>
+#include <cstdint>
 #include <vector>
+
+#include "src/base/simd_dispatch.h"
 
 namespace relievo {
 namespace {
 
-// Where the centre of a fine texel lies between the centres of two coarse ones: at `first` and behind it, weights in
-// parts of 2 ratio.
+// The fine texels whose centres lie between the centres of the same two coarse ones, `first` and the one behind it: the
+// weights of the latter in parts of 2 ratio are `weight`, `weight` + 2, and so on.
 struct Between {
   size_t first;
-  int64_t weight, next_weight;
+  int32_t weight;
+  size_t begin, end;  // of the fine texels, the first of the border being 0
 };
 
 // Of the texels -1 .. fine.side.
@@ -23,7 +26,39 @@ std::vector<Between> placesAlong(const BorderedLevel& fine, const BorderedLevel&
   for (int64_t i = -1; i <= static_cast<int64_t>(fine.side); ++i) {
     // (i + 1/2) / ratio - 1/2 coarse texels, shifted by one so that nothing is negative.
     const int64_t at = 2 * i + 1 - ratio + parts;
-    out.push_back({static_cast<size_t>(at / parts) + coarse.border - 1, parts - at % parts, at % parts});
+    const auto first = static_cast<size_t>(at / parts) + coarse.border - 1, texel = static_cast<size_t>(i + 1);
+    if (out.empty() || out.back().first != first)
+      out.push_back({first, static_cast<int32_t>(at % parts), texel, texel});
+    out.back().end = texel + 1;
+  }
+  return out;
+}
+
+// Differences of a row of fine texels, in parts of `whole`: their largest size, and the sum of their squares. column:
+// for each coarse texel what the rows above and below give at the height of the row.
+struct Differences {
+  int32_t largest = 0;
+  int64_t squares = 0;
+};
+RELIEVO_SIMD_CLONES Differences differencesOfRow(const uint8_t* texel, const int32_t* column, const Between* places,
+                                                 size_t place_count, int32_t parts) noexcept {
+  const int32_t whole = parts * parts;
+  Differences out;
+  for (size_t k = 0; k < place_count; ++k) {
+    const Between& p = places[k];
+    const int32_t from = column[p.first], step = column[p.first + 1] - from,
+                  start = from * parts + step * p.weight;  // of the first texel; each further one adds 2 steps
+    const auto count = static_cast<int32_t>(p.end - p.begin);
+    int32_t largest = 0;
+    int64_t squares = 0;
+    for (int32_t i = 0; i < count; ++i) {
+      const int32_t off = texel[p.begin + static_cast<size_t>(i)] * whole - (start + 2 * step * i);
+      const int32_t size = off < 0 ? -off : off;
+      largest = largest > size ? largest : size;
+      squares += static_cast<int64_t>(off) * off;
+    }
+    out.largest = std::max(out.largest, largest);
+    out.squares += squares;
   }
   return out;
 }
@@ -43,8 +78,10 @@ bool showsTheSame(const BorderedLevel& fine, const BorderedLevel& coarse,
                   std::span<const ChannelTolerance> tolerances) {
   assert(fine.border >= 1 && coarse.border >= 1 && coarse.side <= fine.side && fine.side % coarse.side == 0);
   const std::vector<Between> places = placesAlong(fine, coarse);
-  const auto parts = static_cast<int64_t>(2 * (fine.side / coarse.side)), whole = parts * parts;
-  const size_t stride = coarse.stride();
+  const auto ratio = static_cast<int32_t>(fine.side / coarse.side), parts = 2 * ratio, whole = parts * parts;
+  assert(ratio <= 1024);  // so that 255 parts^2 fits 32 bits
+  const size_t stride = coarse.stride(), rows = fine.side + 2;
+  std::vector<int32_t> column(stride);
   for (size_t channel = 0; channel < tolerances.size(); ++channel) {
     const auto most = static_cast<int64_t>(std::floor(tolerances[channel].most * static_cast<double>(whole)));
     double squares = 0;
@@ -53,17 +90,16 @@ bool showsTheSame(const BorderedLevel& fine, const BorderedLevel& coarse,
     const uint8_t* plane = coarse.texels.data() + channel * stride * stride;
     for (const Between& y : places) {
       const uint8_t *above = plane + y.first * stride, *below = above + stride;
-      for (size_t i = 0; i < places.size(); ++i) {
-        const Between& x = places[i];
-        const int64_t shown = (above[x.first] * x.weight + above[x.first + 1] * x.next_weight) * y.weight +
-                              (below[x.first] * x.weight + below[x.first + 1] * x.next_weight) * y.next_weight;
-        const int64_t off = texel[i] * whole - shown;
-        if (std::abs(off) > most) return false;
-        squares += static_cast<double>(off) * static_cast<double>(off);
+      int32_t weight = y.weight;
+      for (size_t row = y.begin; row < y.end; ++row, weight += 2) {
+        for (size_t i = 0; i < stride; ++i) column[i] = above[i] * (parts - weight) + below[i] * weight;
+        const Differences off = differencesOfRow(texel, column.data(), places.data(), places.size(), parts);
+        if (off.largest > most) return false;
+        squares += static_cast<double>(off.squares);
+        texel += fine.stride();
       }
-      texel += fine.stride();
     }
-    const auto count = static_cast<double>(places.size() * places.size());
+    const auto count = static_cast<double>(rows * rows);
     if (std::sqrt(squares / count) > tolerances[channel].rms * static_cast<double>(whole)) return false;
   }
   return true;

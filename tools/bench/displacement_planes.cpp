@@ -383,11 +383,10 @@ Fidelity fidelityOf(const FidelityScan& scan, const TriMesh& surface, const Fide
 
 std::pair<uint32_t, TrianglePoint> closestTriangle(const TriMesh& mesh, const ClosestSearch& search, size_t part,
                                                    const glm::dvec3& place) {
-  constexpr size_t kBlock = ClosestSearch::kBlock;
   std::pair<uint32_t, TrianglePoint> best;
   best.second.distance = std::numeric_limits<double>::infinity();
-  for (size_t i = part * kBlock; i < std::min(mesh.triangles.size(), (part + 1) * kBlock); ++i) {
-    const uint32_t t = search.triangleAt(i);
+  for (size_t i = 0; i < search.runs().sizeOf(part); ++i) {
+    const uint32_t t = search.runs().triangle(part, i);
     const TrianglePoint at = closestOnTriangle(cornersOf(mesh, t), place);
     if (at.distance < best.second.distance) best = {t, at};
   }
