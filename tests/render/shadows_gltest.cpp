@@ -4,6 +4,7 @@
 
 #include "src/render/shadow_view.h"
 #include "tests/render/dense_subjects.h"
+#include "tests/render/height_profile.h"
 #include "tests/render/lit_ball.h"
 #include "tests/render/made_engine.h"
 
@@ -16,18 +17,6 @@ constexpr int64_t kSide = 256;
 constexpr double kMmPerPx = 0.1;  // denseSubject's
 constexpr double kHighestMm = 3;
 
-class White final : public TextureSource {
- public:
-  int64_t width() const override { return kSide; }
-  int64_t height() const override { return kSide; }
-  TextureFormat format() const override { return {}; }
-  Provenance provenance() const override { return {}; }
-  Result<void> read(const Rect&, std::span<uint8_t> out) const override {
-    std::fill(out.begin(), out.end(), uint8_t{255});
-    return {};
-  }
-};
-
 // Hills, and a wall with soft edges, mm above the lowest place; x to the right and y up from the centre.
 double heightAt(double x, double y) {
   double h = 0;
@@ -38,23 +27,6 @@ double heightAt(double x, double y) {
                end = 1 / (1 + std::exp((std::abs(y + 5) - 4) * 12));
   return std::min(kHighestMm, h + 1.2 * wall * end);
 }
-
-class Heights final : public HeightSource {
- public:
-  int64_t width() const override { return kSide; }
-  int64_t height() const override { return kSide; }
-  double minMm() const override { return 0; }
-  double maxMm() const override { return kHighestMm; }
-  Provenance provenance() const override { return {}; }
-  Result<void> read(const Rect& r, std::span<float> out) const override {
-    size_t at = 0;
-    for (int64_t y = r.y; y < r.y + r.height; ++y)
-      for (int64_t x = r.x; x < r.x + r.width; ++x)
-        out[at++] = static_cast<float>(heightAt((static_cast<double>(x) + 0.5 - kSide / 2) * kMmPerPx,
-                                                (kSide / 2 - static_cast<double>(y) - 0.5) * kMmPerPx));
-    return {};
-  }
-};
 
 // How far the line from a place of the surface to the light stays above it, mm; below 0: it does not.
 double clearance(const glm::dvec3& place, const glm::dvec3& light) {
@@ -107,10 +79,10 @@ struct Drawn {
   std::vector<std::string> passes;
 };
 Drawn draw(const Scene& scene, const OrbitCamera& camera, bool reversed_depth, int side) {
-  const Heights heights;
+  const HeightsOfProfile heights(kSide, kHighestMm, heightAt);
   EngineOptions options;
   options.reversed_depth = reversed_depth;
-  auto engine = makeEngine(denseSubject(White(), &heights).artwork, scene, options, side, side);
+  auto engine = makeEngine(denseSubject(WhiteTexels(kSide), &heights).artwork, scene, options, side, side);
   if (!engine) return {};
   engine->setCamera(camera);
   Drawn drawn;

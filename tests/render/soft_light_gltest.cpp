@@ -11,6 +11,7 @@
 #include "src/engine/effects/soft_shadows.h"
 #include "src/engine/light_shares.h"
 #include "tests/render/dense_subjects.h"
+#include "tests/render/height_profile.h"
 #include "tests/render/lit_ball.h"
 #include "tests/render/made_engine.h"
 
@@ -22,42 +23,6 @@ using namespace test;
 constexpr int64_t kSide = 128;
 constexpr double kMmPerPx = 0.1;  // denseSubject's
 constexpr double kHighestMm = 2;
-
-class WhiteTexels final : public TextureSource {
- public:
-  int64_t width() const override { return kSide; }
-  int64_t height() const override { return kSide; }
-  TextureFormat format() const override { return {}; }
-  Provenance provenance() const override { return {}; }
-  Result<void> read(const Rect&, std::span<uint8_t> out) const override {
-    std::fill(out.begin(), out.end(), uint8_t{255});
-    return {};
-  }
-};
-
-// mm above the lowest place; x to the right and y up from the centre.
-using Height = std::function<double(double x, double y)>;
-
-class Profile final : public HeightSource {
- public:
-  explicit Profile(Height height) : height_(std::move(height)) {}
-  int64_t width() const override { return kSide; }
-  int64_t height() const override { return kSide; }
-  double minMm() const override { return 0; }
-  double maxMm() const override { return kHighestMm; }
-  Provenance provenance() const override { return {}; }
-  Result<void> read(const Rect& r, std::span<float> out) const override {
-    size_t at = 0;
-    for (int64_t y = r.y; y < r.y + r.height; ++y)
-      for (int64_t x = r.x; x < r.x + r.width; ++x)
-        out[at++] = static_cast<float>(height_((static_cast<double>(x) + 0.5 - kSide / 2) * kMmPerPx,
-                                               (kSide / 2 - static_cast<double>(y) - 0.5) * kMmPerPx));
-    return {};
-  }
-
- private:
-  Height height_;
-};
 
 // A plateau to the left, and ground to the right of a steep wall whose upper edge lies at x = 0.
 constexpr double kWallMm = 0.2;
@@ -73,9 +38,9 @@ double hills(double x, double y) {
   return std::min(h, kHighestMm);
 }
 
-std::unique_ptr<Engine> engineOf(const Height& height, const Scene& scene, int side) {
-  const Profile heights(height);
-  auto engine = makeEngine(denseSubject(WhiteTexels(), &heights).artwork, scene, {}, side, side);
+std::unique_ptr<Engine> engineOf(const HeightProfile& height, const Scene& scene, int side) {
+  const HeightsOfProfile heights(kSide, kHighestMm, height);
+  auto engine = makeEngine(denseSubject(WhiteTexels(kSide), &heights).artwork, scene, {}, side, side);
   if (!engine) return nullptr;
   OrbitCamera camera;
   camera.orthographic = true;  // from above: pixel and place are the same
@@ -149,7 +114,7 @@ TEST(SoftShadows, OfAnEdgeHaveThePenumbraOfADisc) {
 }
 
 // Is the sky seen from a place of the surface in this direction? Followed in double precision.
-bool seen(const Height& height, const glm::dvec3& place, const glm::dvec3& towards) {
+bool seen(const HeightProfile& height, const glm::dvec3& place, const glm::dvec3& towards) {
   constexpr double kStepMm = 0.05, kStartMm = 0.15;
   if (towards.z <= 0) return false;
   for (double t = kStartMm; place.z + t * towards.z < kHighestMm; t += kStepMm) {
@@ -159,7 +124,7 @@ bool seen(const Height& height, const glm::dvec3& place, const glm::dvec3& towar
   }
   return true;
 }
-glm::dvec3 normalOf(const Height& height, double x, double y) {
+glm::dvec3 normalOf(const HeightProfile& height, double x, double y) {
   constexpr double d = 1e-3;
   return glm::normalize(glm::dvec3(height(x - d, y) - height(x + d, y), height(x, y - d) - height(x, y + d), 2 * d));
 }
