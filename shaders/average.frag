@@ -1,5 +1,5 @@
-// average.frag - the average of a picture's samples (src/render/sample_stack.h): colour in linear light over the samples
-// that show the artwork, alpha the share of them. CPU reference: multisampling_gltest.cpp.
+// average.frag - the average of a picture's samples (src/render/sample_stack.h): colour in linear light over the
+// samples that show the artwork, alpha the share of them. CPU reference: multisampling_gltest.cpp.
 #include "srgb.glsl"
 
 uniform sampler2DArray u_samples;  // sRGB, not multiplied by alpha, which is the share that shows the artwork

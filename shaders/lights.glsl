@@ -4,8 +4,8 @@
 // its functions, for near lights.
 #include "srgb.glsl"
 
-// xyz: the unit vector towards a light that is far away; w: 1. Of a near one where it is, mm from the eye; w: the square
-// of the distance at which its intensity is as stated.
+// xyz: the unit vector towards a light that is far away; w: 1. Of a near one where it is, mm from the eye; w: the
+// square of the distance at which its intensity is as stated.
 uniform vec4 u_lights[LIGHTS];
 uniform vec4 u_light_colours[LIGHTS];  // linear, times the intensity
 #ifdef COEFFICIENTS

@@ -2,7 +2,8 @@
 // colour and light (CPU reference: shadedColour() of src/engine/effects/relief_shading.h). Of a flat artwork the page
 // holds a number of 16 bits (texturing/stream/relief_normals.h). MESH: of a scan SHADING_SLOPE takes the stored normal,
 // SHADING_DEPTH (without any page) the pixel's place, and SHADING_CURVATURE places and normals of pixels around it.
-uniform vec4 u_shading;             // x, y: the place on the scale is x value + y; z: depth of no surface; w: radius, mm
+// x, y: the place on the scale is x value + y; z: depth of no surface; w: radius, mm
+uniform vec4 u_shading;
 uniform vec4 u_shading_colours[RV_SHADING_STOPS];  // sRGB
 #ifdef MESH
 uniform vec4 u_shading_up;  // the unit vector; w: the eye's height along it, mm

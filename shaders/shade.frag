@@ -2,9 +2,10 @@
 // evaluated under the light (CPU reference: src/artwork/basis.h). TAILS_ONLY: no page is looked up. PLANES: texture
 // planes read. SHADING: of shading.h. Of a linear basis (shadingDefines() of src/render/picture_target.h) COEFFICIENTS
 // is how many there are; TERMS is TERM(plane, channel, coefficient, colour) for each channel that holds one; COLOUR, of
-// a luminance, is CHANNEL(plane, channel) of red, green and blue. LIGHTS, LIGHT_FILES: lights.glsl shades; SHADING_FILES:
-// relief_shading.glsl does. OCCLUSION_FILES: ambient_occlusion.glsl darkens. GLOSS_FILES: gloss.glsl adds highlights. NO_PAGES: there is no plane to read (PLANES is 1). NORMALS_OUT: of a scan the
-// filtered normal is written.
+// a luminance, is CHANNEL(plane, channel) of red, green and blue. LIGHTS, LIGHT_FILES: lights.glsl shades;
+// SHADING_FILES: relief_shading.glsl does. OCCLUSION_FILES: ambient_occlusion.glsl darkens. GLOSS_FILES: gloss.glsl
+// adds highlights. NO_PAGES: there is no plane to read (PLANES is 1). NORMALS_OUT: of a scan the filtered normal is
+// written.
 #include "shading.h"
 #include "texture_lookup.glsl"
 

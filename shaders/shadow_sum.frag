@@ -6,10 +6,11 @@
 
 uniform highp usampler2D u_sums;  // x: weight times share, y: weight; in units of 1 / kSumOne
 uniform mat4 u_eye_from_pixel;    // from a pixel's place and depth, 0..1, to mm from the eye
-// 0: the first directions; 1: weights are cosines; 1: the opposite direction counts as dark; 1 where a larger depth of a
-// map is nearer to the light, else -1.
+// 0: the first directions; 1: weights are cosines; 1: the opposite direction counts as dark; 1 where a larger depth of
+// a map is nearer to the light, else -1.
 uniform vec4 u_sum;
-// Of each direction: towards it; bias, below 0: it is dark; and from mm from the eye to texels of the map and its depth.
+// Of each direction: towards it; bias, below 0: it is dark; and from mm from the eye to texels of the map and its
+// depth.
 uniform vec4 u_directions[RV_DIRECTIONS];
 uniform vec4 u_map_from_eye[3 * RV_DIRECTIONS];
 uniform vec4 u_count;  // how many directions; texels a side of the map of each
