@@ -63,20 +63,22 @@ TEST(BlocksWithin, AreThoseWhoseErrorsAreAtMostTheTolerance) {
   EXPECT_GT(far, 1000u);
 }
 
-// A patch over a twisted quad with normals that spread, and rough heights.
+// A patch over a twisted quad with normals that spread, and rough heights. twisted 0: the quad is flat, its normals are
+// the same.
 struct RoughPatch {
   TriMesh mesh;  // only its origin is used
   BaseMesh base;
   std::unique_ptr<BakeContext> context;
   BakedHeights baked;
 
-  RoughPatch(int cells_log2, double rough_mm, bool stepped, uint32_t seed) {
+  RoughPatch(int cells_log2, double rough_mm, bool stepped, uint32_t seed, double twisted = 1) {
     std::mt19937 random(seed);
     std::uniform_real_distribution<double> unit(-1, 1);
     for (int k = 0; k < 4; ++k) {
-      const glm::dvec3 normal = glm::normalize(glm::dvec3(0.4 * unit(random), 0.4 * unit(random), 1));
+      const double spread = 0.4 * twisted;
+      const glm::dvec3 normal = glm::normalize(glm::dvec3(spread * unit(random), spread * unit(random), 1));
       base.corners.push_back({glm::vec3(static_cast<float>(10 * (k % 2)), static_cast<float>(-10 * (k / 2)),
-                                        static_cast<float>(2 * unit(random))),
+                                        static_cast<float>(2 * twisted * unit(random))),
                               glm::vec3(normal)});
     }
     base.patches = {{0, 1, 2, 3}};
@@ -139,6 +141,27 @@ TEST(BetweenSamples, BoundsWhatGridsWithAllSamplesLeaveOut) {
   }
   EXPECT_GT(close, 20u) << "the bound is of some use";
   EXPECT_GT(untwisted_too_small, 20u);
+}
+
+// Over a flat base with one normal nothing but rounding is left out.
+TEST(BetweenSamples, BoundsWhatRoundingMoves) {
+  size_t unrounded_too_small = 0;
+  for (uint32_t seed = 0; seed < 8; ++seed) {
+    const RoughPatch patch(2 + static_cast<int>(seed % 3), 0.5, seed % 2 == 1, seed, 0);
+    const BetweenSamples between = patch.baked.betweenSamples(*patch.context, 0);
+    SurfaceGrid finest(7);
+    patch.baked.surface(*patch.context, 0, finest);
+    for (int log2 = between.cells_log2; log2 < 7; ++log2) {
+      SurfaceGrid coarse(log2);
+      patch.baked.surface(*patch.context, 0, coarse);
+      const double farthest = farthestFrom(coarse, finest);
+      EXPECT_LE(farthest, between.mm(log2)) << seed << " " << log2;
+      BetweenSamples unrounded = between;
+      unrounded.rounding_mm = 0;
+      unrounded_too_small += farthest > unrounded.mm(log2);
+    }
+  }
+  EXPECT_GT(unrounded_too_small, 20u) << "the control";
 }
 
 TEST(BetweenSamples, GridsHaveTheSameHeightsWhereTheyMeet) {
