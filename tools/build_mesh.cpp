@@ -405,7 +405,6 @@ class MeshBuild {
   BaseMesh base_;
   std::unique_ptr<MeshBake> bake_;
   std::optional<FidelityScan> fidelity_scan_;  // while bakes are measured
-  FidelityHints fidelity_hints_;               // of the last measurement
   Fidelity fidelity_;
   uint64_t ray_bytes_ = 0;        // that the hierarchies of the scan's rays may take
   double kept_tolerance_mm_ = 0;  // the least that is kept after a miss; 0: none was found
@@ -537,7 +536,6 @@ Result<Fidelity> MeshBuild::measureBake(const MeshBake& bake, double tolerance) 
   const TriMesh& scan = loaded_.mesh;
   FidelityOptions run{.workers = a_.package.workers, .interrupted = &interruptedFlag()};
   run.memory_bytes = memoryLeft(uint64_t{32} << 20);
-  run.hints = &fidelity_hints_;
   if (!fidelity_scan_) {
     const Result<BakeScene>& scene = bake_scene_->get();
     fidelity_scan_.emplace(scan, a_.package.workers, 0,
@@ -585,7 +583,6 @@ Result<void> MeshBuild::bakeUntilKept() {
   if (auto done = chooseStep(); !done) return done;
   if (auto done = stages_.run("bake", [&] { return findKeptTolerance(); }); !done) return done;
   fidelity_scan_.reset();
-  fidelity_hints_ = {};
   if (auto done = stages_.run("bake", [&] { return bake_->findErrors(); }); !done) return done;
   result_.fidelity = inMm(fidelity_, loaded_.mesh.origin_mm, mmPerUnit(a_.unit));
   if (a_.strict && !fidelity_.kept()) return missed("nothing was written, as --strict asks for");

@@ -25,14 +25,11 @@ struct Samples {
   size_t area_samples = 0;  // so many come first, spread over the area; the others are vertices
 };
 
-// Lowers the samples' distances to those of a surface, which lies within the box. distance: as closestByBoxes() has it,
-// of so many parts. hints: FidelityHints; null: the search begins where the sample before was found.
+// Lowers the samples' distances to those of a surface, which lies within the box. distance: as closestByBoxes() has it.
 template <class Distance>
-void updateDistances(Samples& s, const Box* box, const glm::dvec3& shift, const FidelityOptions& options, size_t parts,
-                     std::vector<uint32_t>* hints, Distance distance) {
+void updateDistances(Samples& s, const Box* box, const glm::dvec3& shift, const FidelityOptions& options,
+                     Distance distance) {
   constexpr size_t kSamplesPerJob = 2048;
-  const bool known = hints && hints->size() == s.positions.size();
-  if (hints) hints->resize(s.positions.size());
   parallelFor((s.positions.size() + kSamplesPerJob - 1) / kSamplesPerJob, options.workers, options.interrupted,
               [&](size_t job) {
                 size_t last = kNoPart;
@@ -41,9 +38,7 @@ void updateDistances(Samples& s, const Box* box, const glm::dvec3& shift, const 
                   const glm::dvec3 p = s.positions[i] + shift;
                   const double nearest = s.distances_mm[i];
                   if (box && !std::isinf(nearest) && box->squaredDistance(p) > nearest * nearest) continue;
-                  if (known && (*hints)[i] < parts) last = (*hints)[i];
                   s.distances_mm[i] = std::min(s.distances_mm[i], static_cast<float>(distance(p, nearest, last)));
-                  if (hints) (*hints)[i] = static_cast<uint32_t>(std::min<size_t>(last, ~uint32_t{0}));
                 }
               });
 }
@@ -175,9 +170,7 @@ Result<Fidelity> measureFidelity(const FidelityScan& scan, const MeshBake& baked
   bool whole = forEachPart(surface, options.memory_bytes, kept, [&](const MeasuredSurface::Part& part) {
     if (stopped()) return false;
     area = part.areaAfter();
-    const bool only = part.patches() == surface.patches();
-    updateDistances(scan_samples, &part.box(), shift, options, part.rows(),
-                    only && options.hints ? &options.hints->to_drawn : nullptr,
+    updateDistances(scan_samples, &part.box(), shift, options,
                     [&](const glm::dvec3& p, double within, size_t& row) { return part.distance(p, within, row); });
     return !stopped();
   });
@@ -193,8 +186,7 @@ Result<Fidelity> measureFidelity(const FidelityScan& scan, const MeshBake& baked
   drawn_samples.area_samples = drawn_samples.positions.size();
   drawn_samples.distances_mm.assign(drawn_samples.positions.size(), kFar);
   updateDistances(
-      drawn_samples, nullptr, glm::dvec3(0), options, scan.search().runs().boxes().parts(),
-      options.hints ? &options.hints->to_scan : nullptr,
+      drawn_samples, nullptr, glm::dvec3(0), options,
       [&](const glm::dvec3& p, double within, size_t& part) { return scan.search().distance(p, within, part); });
   if (stopped()) return interrupted;
   out.to_drawn = summarise(scan_samples, target, out.violations);

@@ -79,17 +79,10 @@ class FidelityScan {
   size_t area_samples_ = 0;
 };
 
-// Where a measurement found each sample's nearest. The next one of the same scan begins to search there, which takes a
-// fraction of the time where the surface has hardly moved; distances are the same wherever the search begins.
-struct FidelityHints {
-  std::vector<uint32_t> to_drawn, to_scan;
-};
-
 struct FidelityOptions {
   int workers = 0;
   uint64_t memory_bytes = 0;  // as DistanceOptions has it
   const std::atomic<bool>* interrupted = nullptr;
-  FidelityHints* hints = nullptr;  // of the measurement before, or empty; receives this one's
 };
 // Error: kInterrupted.
 Result<Fidelity> measureFidelity(const FidelityScan& scan, const MeshBake& baked, const FidelityTarget& target,

@@ -97,7 +97,6 @@ MeasuredSurface::Part MeasuredSurface::part(size_t first, size_t end, double are
     begins[p - first + 1] = at;
   }
   Part out;
-  out.patches_ = end - first;
   out.vertices_.resize(begins.back().vertex);
   out.rows_.resize(begins.back().row);
   std::vector<Box> boxes(begins.back().row);

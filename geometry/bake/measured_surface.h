@@ -25,8 +25,6 @@ class MeasuredSurface {
   class Part {
    public:
     const Box& box() const { return box_; }
-    size_t patches() const { return patches_; }
-    size_t rows() const { return rows_.size(); }
     // As closestByBoxes() has it.
     double distance(const glm::dvec3& place, double within, size_t& row) const;
     // Twice the summed areas of the triangles before the part, and with them.
@@ -45,7 +43,6 @@ class MeasuredSurface {
     std::vector<double> area_before_;  // of each row; the last is behind them all
     BoxTree boxes_;
     Box box_;
-    size_t patches_ = 0;
   };
   size_t patches() const { return blocks_.size(); }
   uint64_t triangles(size_t patch) const { return triangles_[patch]; }

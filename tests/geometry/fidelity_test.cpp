@@ -5,7 +5,6 @@
 #include <gtest/gtest.h>
 
 #include <algorithm>
-#include <array>
 #include <cmath>
 #include <memory>
 #include <numbers>
@@ -187,40 +186,6 @@ TEST(PromisedDistanceControl, MissingPiecesAreMisses) {
   EXPECT_LT(much->to_drawn.area_beyond, 1e-4);
   const TriMesh drawn = bakedTriangles(*made.bake);
   EXPECT_GT(measured(two, drawn, two.origin_mm - drawn.origin_mm, diagonalOf(two), 300).largest, 0.1);
-}
-
-// Where a search begins does not matter: not from where another surface's samples were found, nor from anywhere else.
-TEST(FidelityHints, ChangeNoDistance) {
-  const TriMesh ball = ballMesh(6), torus = torusMesh(24, 10);
-  auto bakeOf = [](const TriMesh& mesh) {
-    auto base = makeBaseMesh(mesh);
-    EXPECT_TRUE(base.ok());
-    auto bake = MeshBake::create(mesh, {}, *base, {.cells_log2 = 2, .errors = false});
-    EXPECT_TRUE(bake.ok());
-    return std::move(*bake);
-  };
-  const std::unique_ptr<MeshBake> a = bakeOf(ball), b = bakeOf(torus);
-  const FidelityScan scan(ball, 2, 1000);
-  const FidelityTarget target = FidelityTarget::of(scan.diagonalMm());
-  FidelityHints hints;
-  auto measuredWith = [&](const MeshBake& bake, FidelityHints* with) {
-    auto found = measureFidelity(scan, bake, target, {.workers = 2, .interrupted = nullptr, .hints = with});
-    EXPECT_TRUE(found.ok());
-    return found.ok() ? *found : Fidelity{};
-  };
-  auto sums = [](const Fidelity& f) {
-    return std::array{f.to_drawn.rms_mm, f.to_drawn.p99_9_mm, f.to_drawn.max_mm,
-                      f.to_scan.rms_mm,  f.to_scan.p99_9_mm,  f.to_scan.max_mm};
-  };
-  const auto of_a = sums(measuredWith(*a, nullptr)), of_b = sums(measuredWith(*b, nullptr));
-  EXPECT_NE(of_a, of_b);
-  EXPECT_EQ(sums(measuredWith(*b, &hints)), of_b);
-  EXPECT_EQ(hints.to_drawn.size(), scan.positions().size());
-  EXPECT_EQ(sums(measuredWith(*a, &hints)), of_a) << "begun at the other surface's";
-  EXPECT_EQ(sums(measuredWith(*a, &hints)), of_a) << "begun at its own";
-  std::fill(hints.to_drawn.begin(), hints.to_drawn.end(), 4'000'000'000u);
-  std::fill(hints.to_scan.begin(), hints.to_scan.end(), 0u);
-  EXPECT_EQ(sums(measuredWith(*a, &hints)), of_a) << "begun at parts that are not there, and all at one";
 }
 
 // Every piece has patches from the first base on: what a closed one's topology needs, at least.

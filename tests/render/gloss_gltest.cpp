@@ -7,6 +7,7 @@
 #include "src/base/srgb.h"
 #include "src/engine/effects/gloss.h"
 #include "tests/render/dense_subjects.h"
+#include "tests/render/height_profile.h"
 #include "tests/render/lit_ball.h"
 #include "tests/render/made_engine.h"
 
@@ -16,14 +17,6 @@ namespace gloss_gltest {
 using namespace test;
 
 const glm::dvec3 kTowards = glm::normalize(glm::dvec3(-0.4, 0.5, 0.75));
-
-std::vector<uint8_t> pictureOf(Engine& engine, const Scene& scene) {
-  auto set = engine.setScene(scene);
-  EXPECT_TRUE(set.ok()) << (set.ok() ? "" : set.error().text());
-  auto settled = engine.settle(60);
-  EXPECT_TRUE(settled.ok()) << (settled.ok() ? "" : settled.error().text());
-  return engine.readPixels();
-}
 
 // What the ball shows at the normal n under one light far away, whose highlight is seen from `viewer`.
 glm::dvec3 onBall(const Gloss& gloss, const glm::dvec3& n, const glm::dvec3& light, const glm::dvec3& viewer) {
@@ -105,26 +98,9 @@ glm::dvec3 waveNormal(double x, double y) {
   return glm::normalize(glm::dvec3(-0.45 * std::cos(0.9 * x) + 0.12 * std::sin(0.7 * y + 0.3 * x),
                                    0.28 * std::sin(0.7 * y + 0.3 * x), 1));
 }
-class Waves final : public HeightSource {
- public:
-  int64_t width() const override { return kSide; }
-  int64_t height() const override { return kSide; }
-  double minMm() const override { return 0; }
-  double maxMm() const override { return 2; }
-  Provenance provenance() const override { return {}; }
-  Result<void> read(const Rect& r, std::span<float> out) const override {
-    size_t at = 0;
-    for (int64_t y = r.y; y < r.y + r.height; ++y)
-      for (int64_t x = r.x; x < r.x + r.width; ++x)
-        out[at++] = static_cast<float>(
-            waveZ((static_cast<double>(x) + 0.5 - kSide / 2) * 0.1, (kSide / 2 - static_cast<double>(y) - 0.5) * 0.1));
-    return {};
-  }
-};
-
 // The highlight is what the picture with gloss has more than the one without, in linear light.
 TEST(Gloss, OverAPtmFollowsItsRelief) {
-  const Waves heights;
+  const HeightsOfProfile heights(kSide, 2, waveZ);
   Scene scene{.light = {kTowards.x, kTowards.y, kTowards.z}, .error_px = 0.2};
   scene.least_cell = 0;
   auto engine =

@@ -183,13 +183,6 @@ TEST(Lights, ThatCannotBeShownAreNamed) {
   EXPECT_NE(sceneProblem(scene, manifestOf(Basis::kPtmLrgb)).find("reference_mm"), std::string::npos);
 }
 
-std::vector<uint8_t> pictureOf(Engine& engine, const Scene& scene) {
-  auto set = engine.setScene(scene);
-  EXPECT_TRUE(set.ok()) << (set.ok() ? "" : set.error().text());
-  auto settled = engine.settle(60);
-  EXPECT_TRUE(settled.ok()) << (settled.ok() ? "" : settled.error().text());
-  return engine.readPixels();
-}
 int largestDifference(const std::vector<uint8_t>& a, const std::vector<uint8_t>& b, size_t channel = 3) {
   int largest = 0;
   EXPECT_EQ(a.size(), b.size());

@@ -1,11 +1,12 @@
-// made_engine.h - an engine for a test, and the shader that it shades with: what keeps either from being made is the
-// test's failure.
+// made_engine.h - an engine for a test, its settled pictures, and the shader that it shades with: what keeps either
+// from being made is the test's failure.
 #pragma once
 
 #include <gtest/gtest.h>
 
 #include <memory>
 #include <string>
+#include <vector>
 
 #include "src/engine/engine.h"
 #include "src/gl/context.h"
@@ -21,6 +22,15 @@ inline std::unique_ptr<Engine> makeEngine(const Artwork& artwork, const Scene& s
   if (!engine.ok()) return nullptr;
   (*engine)->resize(width_px, height_px);
   return std::move(*engine);
+}
+
+// The settled picture of the scene, from where the camera is.
+inline std::vector<uint8_t> pictureOf(Engine& engine, const Scene& scene) {
+  auto set = engine.setScene(scene);
+  EXPECT_TRUE(set.ok()) << (set.ok() ? "" : set.error().text());
+  auto settled = engine.settle(60);
+  EXPECT_TRUE(settled.ok()) << (settled.ok() ? "" : settled.error().text());
+  return engine.readPixels();
 }
 
 // All of the shader that shades this scene, as it is compiled; empty where there is none.

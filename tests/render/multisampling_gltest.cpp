@@ -184,7 +184,8 @@ void compareAlpha(const Engine& engine, std::span<const uint8_t> rgba, const std
       }
       const double each = 255.0 / static_cast<double>(locations.size());
       errors.uncertain += surely != perhaps;
-      errors.wrong += alpha < surely * each - 0.5 || alpha > perhaps * each + 0.5;
+      errors.wrong += snappedPx() > 0 ? alpha < surely * each - 0.5 || alpha > perhaps * each + 0.5
+                                      : alpha < std::lround(surely * each) || alpha > std::lround(perhaps * each);
     }
 }
 
@@ -228,9 +229,10 @@ TEST(Multisampling, AlphaIsTheCoverageOfBorders) {
 
 // --- colours
 
-// What a driver's conversion to bytes may be off by, beside the half of rounding (the Direct3D 11.3 functional
-// specification allows 0.6 in all, section 3.2.3.6; OpenGL states nothing).
-constexpr double kConversion = 0.11;
+// What a sample's byte may be off by on a GPU, beside the half of rounding: its conversion (the Direct3D 11.3
+// functional specification allows 0.6 in all, section 3.2.3.6; OpenGL states nothing), and where vertices are snapped
+// the oracle's colour.
+constexpr double kConversion = 0.11, kSnapped = 0.5;
 
 // The oracle's pictures through the locations, and what the engine's is against their average.
 class Averages {
@@ -267,8 +269,9 @@ class Averages {
   // samples' bytes may average to. bytes: the average is that of the display's numbers.
   Difference difference(std::span<const uint8_t> rgba, bool bytes = false) const {
     Difference d;
-    // Without an edge the oracle's colour may be off by half a byte, where vertices are snapped.
-    const double snapped = snappedPx() > 0 ? 0.5 : 0;
+    // In software half for rounding, and half for samples whose bytes are off by one.
+    const bool gpu = snappedPx() > 0;
+    const double either_way = gpu ? kConversion + kSnapped : 0, bound = gpu ? 0.5 + kConversion : 1.01;
     for (size_t i = 0; i < images_[0].pixels.size(); ++i) {
       bool inside = true;
       for (const DenseImage& image : images_) inside &= image.pixels[i].covered() && image.pixels[i].edge == 0;
@@ -283,10 +286,10 @@ class Averages {
           const double mean = sum / static_cast<double>(images_.size());
           return bytes ? mean : 255 * srgbFromLinear(mean);
         };
-        const double shown = rgba[4 * i + static_cast<size_t>(c)], off = kConversion + snapped;
-        const double error = std::max({average(-off) - shown, shown - average(off), 0.0});
+        const double shown = rgba[4 * i + static_cast<size_t>(c)];
+        const double error = std::max({average(-either_way) - shown, shown - average(either_way), 0.0});
         ++d.compared;
-        d.wrong += error > 0.5 + kConversion;
+        d.wrong += error > bound;
         d.max = std::max(d.max, error);
         d.sum += error;
       }
@@ -340,7 +343,7 @@ TEST(Multisampling, ColoursAreTheAverageInLinearLight) {
       }
       std::printf("[ samples ] %s, %d: %zu channels, at most %.2f/255, %.3f on average, %zu wrong\n",
                   subject == &flat ? "flat" : "relief", samples, d.compared, d.max, d.mean(), d.wrong);
-      EXPECT_GT(d.compared, 15000u);
+      EXPECT_GT(d.compared, snappedPx() > 0 ? 15000u : 20000u);  // more lies at an edge where vertices are snapped
       // Few samples look at a page that no pixel's centre asked for, in the picture's outermost pixels: its ancestor
       // shows.
       EXPECT_LE(d.wrong, d.compared / 20000);
@@ -351,7 +354,7 @@ TEST(Multisampling, ColoursAreTheAverageInLinearLight) {
   std::printf("[ samples ] controls: one sample %zu wrong, of bytes %zu, mirrored %zu\n", one.wrong, of_bytes.wrong,
               mirrored.wrong);
   EXPECT_GT(one.wrong, 5000u) << "control";
-  EXPECT_GT(of_bytes.wrong, 1000u) << "control";
+  EXPECT_GT(of_bytes.wrong, snappedPx() > 0 ? 1000u : 5000u) << "control";
   EXPECT_GT(mirrored.wrong, 500u) << "control";
 }
 
