@@ -4,63 +4,36 @@
 #include <cassert>
 #include <chrono>
 #include <cmath>
-#include <deque>
 #include <optional>
 #include <thread>
 #include <utility>
 
 #include <glm/gtc/matrix_transform.hpp>
-#include <glm/gtc/type_ptr.hpp>
 
 #include "geometry/lod/lod_worker.h"
-#include "geometry/lod/mesh_lod.h"
 #include "src/artwork/basis.h"
+#include "src/engine/drawn_list.h"
 #include "src/engine/fault_injection.h"
-#include "src/engine/light_shares.h"
 #include "src/engine/lod_views.h"
 #include "src/engine/prefetch.h"
+#include "src/engine/resident_planes.h"
+#include "src/engine/scene_lights.h"
 #include "src/engine/shading_programs.h"
-#include "src/engine/stream_switch.h"
+#include "src/engine/surface_shading.h"
 #include "src/engine/texture_demand.h"
 #include "src/gl/program.h"
 #include "src/render/base_corners.h"
 #include "src/render/block_formats.h"
 #include "src/render/depth_probe.h"
-#include "src/render/kept_depth.h"
-#include "src/render/normals_target.h"
-#include "src/render/page_pool.h"
 #include "src/render/patch_pass.h"
 #include "src/render/picture_target.h"
 #include "src/render/sample_stack.h"
 #include "src/render/surface_target.h"
-#include "src/render/tail_textures.h"
-#include "texturing/codec/page_codec.h"
-#include "texturing/package/crease_gutter.h"
-#include "texturing/package/package_layout.h"
 
 namespace relievo {
 namespace {
 
-constexpr int kMaxReads = 64;      // over a link of 20 MB/s and 50 ms latency 67 pages of 15 KB are under way
-constexpr int kCornersUnit = 6;    // and two more: texture units of the base mesh
-constexpr int kShadowUnit = 14;    // of the shares of light
-constexpr int kKeptDepthUnit = 6;  // shading programs have no base mesh
-constexpr int kNormalsUnit = 7;
-constexpr int kSkyUnit = 8;
-constexpr uint32_t kReadyLimit =
-    256;  // decoded pages that may wait: those of a first view, so that they come while its surface is drawn
-
-// Of what is lower above the horizon of a flat artwork, where a quarter of the sky's light comes from, casters beyond
-// the picture's border are left out.
-constexpr glm::dvec3 kLowSky{0.8660254037844386, 0, 0.5};
-
-// The direction of the light's disc that is nearest to the plane of a flat artwork.
-glm::dvec3 lowestOf(const CastingLight& light) {
-  if (light.size_deg == 0) return light.towards;
-  const double half = glm::radians(light.size_deg / 2), angle = std::acos(std::clamp(light.towards.z, -1.0, 1.0));
-  const double lowest = std::min(angle + half, glm::radians(89.9));
-  return {std::sin(lowest), 0, std::cos(lowest)};
-}
+constexpr int kCornersUnit = 6;  // and two more: texture units of the base mesh
 
 double steadySeconds() {
   return std::chrono::duration<double>(std::chrono::steady_clock::now().time_since_epoch()).count();
@@ -77,33 +50,20 @@ struct Engine::Impl {
   int width = 640, height = 360;
   gl::ContextInfo context;
 
-  std::unique_ptr<PageStreamer> streamer;
-  StreamSwitch stream_switch;
-  EffectPlan starting_plan;  // of the streamer that stream_switch makes ready
-  std::array<double, 3> starting_light{};
-  std::optional<Scene> pending_scene;      // a scene of other planes: shown once their roots have come
-  std::vector<std::string> notices;        // for the user, but for pages that failed:
-  std::vector<std::string> page_messages;  // these, of streamers that ended
-  std::vector<std::string> tail_messages;  // and what the tails could not be made of
-  PageFailures failures;                   // of the tails, and of streamers that ended
-  std::unique_ptr<PagePool> pool;
+  std::optional<ResidentPlanes> planes;
+  std::optional<Scene> pending_scene;  // a scene of other planes: shown once their roots have come
+  std::vector<std::string> notices;    // for the user, but for pages and tails that failed
   std::unique_ptr<PatchPass> patches;
-  std::unique_ptr<BaseCorners> corners;  // over a base mesh
-  std::optional<PatchTails> tails;       // over one of many patches; then nothing is pinned
-  std::unique_ptr<TailTextures> tail_textures;
+  std::unique_ptr<BaseCorners> corners;                     // over a base mesh
   mutable std::optional<std::pair<double, Extent>> extent;  // of the last exaggeration: a walk over a mesh's corners
-  mutable std::optional<glm::dvec3> middle;                 // artworkMiddle()
-  mutable std::optional<std::pair<ReliefShading, ReliefShading>> completed_shading;  // a scene's, and completed()
+  std::optional<SceneLights> lights;
   std::unique_ptr<TextureDemand> demand;
-  std::unique_ptr<LodWorker> lod;
+  std::optional<DrawnList> list;
   std::unique_ptr<ScreenPass> screen;
   std::optional<DepthProbe> depth_probe;  // from the first question on
   ShadingPrograms programs;
   SurfaceTarget surface{{}};
-  std::unique_ptr<KeptDepth> kept_depth;  // while the plan keeps depth
-  DrawnSurface kept_depth_of;
-  std::unique_ptr<NormalsTarget> normals;  // while the plan draws normals
-  std::unique_ptr<LightShares> shares;     // while the plan has shadows or ambient occlusion
+  std::optional<SurfaceShading> shading;
   PictureTarget target{{}};
   // Several samples a pixel: their pictures, and how many there are of `sampled`. A change to the scene or the pages
   // resets `sampled`, and with it the picture is one sample again.
@@ -117,27 +77,7 @@ struct Engine::Impl {
 
   DrawnSurface surface_drawn;
   DrawnSurface streamed_view;  // what the last request lists were for
-  std::vector<NodeRequest> relief_requests;
-  std::shared_ptr<const ReliefSet> resident_relief = std::make_shared<ReliefSet>();
-  uint64_t resident_generation = ~uint64_t{0};
-  std::vector<PatchInstance> instances;
-  bool backs_are_hidden = false;      // see LodResult
-  uint64_t list_number = 0;           // differs whenever `instances` does
-  std::vector<NodeId> pinned_relief;  // pages that `instances` displaces from
   uint64_t frame = 0;
-  uint64_t adopted_frame = 0;  // of the LOD request whose answer is drawn
-  uint64_t lod_requests = 0;   // so far
-  LatencyHistogram lod_lag;
-  // A list is drawn with the view that it was made for, a frame late at most times: what that view culled is never
-  // looked at.
-  struct DrawnView {
-    uint64_t frame = 0;
-    ViewTransform view;
-    double exaggerate = 1;
-    uint64_t request = 0;  // counted from 1
-  };
-  DrawnView drawn;
-  std::deque<DrawnView> posted;  // requests whose answers are still to come
   CameraPredictor predictor;
   std::unique_ptr<Prefetcher> prefetcher;          // from the first move of the camera on
   bool predicting = false;                         // the streamer has a list of predicted pages, or one is on the way
@@ -146,13 +86,14 @@ struct Engine::Impl {
   bool fades_over = false;     // while settle() draws
   bool settling = false;       // within settle(): nothing is known of the views before
   bool all_pages_come = true;  // none that the settled list wants has failed
-  UploadChoice upload;
-  uint32_t pinned_nodes = 0;         // in each plane
-  CacheSlots slots, starting_slots;  // of the streamer, and of the one that stream_switch makes ready
   EngineStats stats;
 
   const PatchDomain& domain() const { return artwork.manifest.domain; }
   bool overMesh() const { return !domain().isFlat(); }
+  PageStreamer& streamer() const { return planes->streamer(); }
+  PagePool& pool() const { return planes->pool(); }
+  const DrawnList::Made& drawn() const { return list->made(); }
+  double tailReach() const { return planes->tailReach(plan, width, height); }
 
   ViewTransform currentView() const { return viewOf(camera); }
   const Extent& drawnExtent() const {
@@ -161,86 +102,12 @@ struct Engine::Impl {
     return extent->second;
   }
   ViewTransform viewOf(const OrbitCamera& of) const { return viewTransform(of, drawnExtent(), width, height); }
-  // Of directions towards lights: over a base mesh they turn with the camera, unless they are fixed.
-  glm::dmat3 worldFromLight(const ViewTransform& view) const {
-    return overMesh() && scene.relight ? view.world_from_camera : glm::dmat3(1);
-  }
-  glm::dvec3 lightInSpace(const ViewTransform& view) const {
-    return worldFromLight(view) * glm::make_vec3(singleLight(scene).data());
-  }
-  // plan.lights of them.
-  std::vector<PlacedLight> lightsInSpace(const ViewTransform& view) const {
-    std::vector<PlacedLight> placed;
-    if (plan.lights == 0) return placed;
-    if (!middle) middle = artworkMiddle(artwork.manifest);
-    for (const SceneLight& light : shadedLights(scene.lights))
-      placed.push_back(placedLight(light, worldFromLight(view), *middle));
-    return placed;
-  }
-  // The lights that cast shadows: those far away, in the shader's order.
-  std::vector<CastingLight> castingLights(const ViewTransform& view) const {
-    if (plan.lights == 0) return {{lightInSpace(view), singleLightSize(scene)}};
-    const std::vector<SceneLight> shaded = shadedLights(scene.lights);
-    const std::vector<PlacedLight> placed = lightsInSpace(view);
-    std::vector<CastingLight> lights;
-    for (size_t i = 0; i < placed.size(); ++i)
-      if (!placed[i].near) lights.push_back({placed[i].place, shaded[i].size_deg});
-    return lights;
-  }
-
-  gl::Defines defines() const {
-    gl::Defines all = plan.defines();
-    if (tails) all.emplace_back("TAILS", "1");
-    if (tail_textures && tail_textures->inRows()) all.emplace_back("TAIL_ROWS", "1");
-    for (auto& define : PagePool::defines(slots.upload)) all.push_back(std::move(define));
-    return all;
-  }
-  // Texture levels beyond the root's over which roots give way to tails: as many as the tails' texels are good for, or
-  // fewer, so that the roots that a screen full of patches asks for fit the cache with room to spare.
-  double tailReach() const {
-    const double planes = static_cast<double>(plan.texture_planes.size());
-    const double pages_of_screen = static_cast<double>(width) * height / (kPagePx * kPagePx) * planes;
-    return std::clamp(0.5 * std::log2(0.6 * slots.texture / pages_of_screen), 0.25, kTailReach);
-  }
-  void setTailTexels(const EffectPlan& of, const std::array<double, 3>& light) {
-    if (!tails) return;
-    const TextureFormat& format = artwork.manifest.texture;
-    if (!of.readsTexture()) return;
-    if (of.shading != ReliefShading::Kind::kNone)
-      tail_textures->setTexels(planeOfTails(*tails, texturePlaneIndex(kNormalPlane)), *artwork.manifest.base);
-    else if (of.resolve) tail_textures->setTexels(resolvedTails(*tails, format, light), *artwork.manifest.base);
-    else if (!of.lit() && format.planes() > 1)
-      tail_textures->setTexels(resolvedTails(*tails, {}, light), *artwork.manifest.base);  // the colour alone
-    else tail_textures->setTexels(*tails, *artwork.manifest.base, hasNormals(format));
-  }
-
-  // What the plan's pages need. Pages that are resolved, or made, are RGBA8.
-  CacheNeeds cacheNeeds(const EffectPlan& of) const {
-    const bool made = of.resolve || of.normals_exaggerate != 0 || of.madeOfRelief();
-    CacheNeeds needs{.upload = made ? PageCodec::kLossless : upload.codec,
-                     .texture_planes = static_cast<int>(of.texture_planes.size()),
-                     .relief = of.relief,
-                     .roots = pinned_nodes,
-                     .texture_pages = 0,
-                     .relief_pages = 0,
-                     .max_slots = PagePool::maxSlots()};
-    for (int level = 0; level <= std::max(domain().texture_depth, domain().relief_depth); ++level) {
-      needs.texture_pages += domain().texturedNodeCount(level) * of.texture_planes.size();
-      if (level <= domain().relief_depth) needs.relief_pages += domain().nodeCount(level);
-    }
-    return needs;
-  }
-  std::string whyNotBlocks() const {
-    if (isBlockCodec(upload.codec) && plan.normals_exaggerate != 0)
-      return "the normals beside them are made of the relief (--unlit needs none)";
-    if (isBlockCodec(upload.codec) && plan.madeOfRelief()) return "pages of --shading are made of the relief";
-    return upload.why_not_blocks;
-  }
-  uint64_t cacheBudget() const { return static_cast<uint64_t>(options.cache_mib * 1024 * 1024) - stats.tail_bytes; }
 
   ShadingPrograms::Variant programVariant() const {
-    return {.defines = defines(),
-            .tails = tails.has_value(),
+    gl::Defines defines = plan.defines();
+    planes->addDefines(defines);
+    return {.defines = std::move(defines),
+            .tails = planes->hasTails(),
             .feedback = demand->usesFeedback() && plan.readsTexture(),
             .wireframe = plan.wireframe,
             .shadows = plan.shadows,
@@ -249,100 +116,40 @@ struct Engine::Impl {
             .shadow_sums = plan.soft_shadows || plan.ambient_occlusion,
             .faults = faults};
   }
+  Result<void> fitsCache() const;
   Result<void> linkPrograms() {
-    surface_drawn = kept_depth_of = {};
-    if (!plan.casts()) shares.reset();
-    else if (shares) shares->forget();
-    if (!plan.keepsDepth()) kept_depth.reset();
-    if (!plan.drawsNormals()) normals.reset();
+    surface_drawn = {};
+    shading->forget(plan);
     sampled.reset();
     if (plan.samples == 1) stack.reset();
     else if (!stack || stack->samples() != plan.samples) stack = std::make_unique<SampleStack>(plan.samples);
     return programs.link(context.api, programVariant());
   }
 
-  void makeTails() {
-    const Manifest& m = artwork.manifest;
-    if (artwork.tails) {
-      tails = artwork.tails(options.workers, &tail_messages);
-    } else {
-      tails.emplace(m.domain.patchCount(), m.texture.channels());
-      tailsFromPages(*artwork.source, m.texture, m.domain.relief_depth >= 0, 0, tails->patches, options.workers, *tails,
-                     &tail_messages, options.interrupted);
-    }
-    failures.add(tails->failures);
-    tail_textures = std::make_unique<TailTextures>(*tails);
-  }
-
-  // Begins a new streamer, for other planes than those of the present one.
-  void startStreaming(const EffectPlan& for_plan, const Scene& for_scene) {
-    StreamerOptions so;
-    starting_slots = cacheSlots(cacheNeeds(for_plan), cacheBudget());
-    so.slot_count = starting_slots.texture;
-    so.relief_slot_count = starting_slots.relief;
-    so.relief_parts = !overMesh() || !options.small_relief ? ReliefParts::kOnlyHalves
-                      : options.compact_relief             ? ReliefParts::kCompact
-                                                           : ReliefParts::kSmall;
-    so.upload = starting_slots.upload;
-    so.workers = options.workers;
-    so.max_reads = kMaxReads;
-    so.ready_limit = kReadyLimit;
-    so.texture_planes = for_plan.texture_planes;
-    so.format = for_plan.format(artwork.manifest);
-    if (for_plan.normals_exaggerate != 0) so.normals_of = ReliefSurface{domain().flat(), for_plan.normals_exaggerate};
-    if (for_plan.madeOfRelief()) so.normals_of = shadedSurface(for_scene.shading, artwork.manifest);
-    starting_plan = for_plan;
-    starting_light = singleLight(for_scene);
-    so.light = starting_light;
-    std::vector<NodeId> roots;
-    for (uint32_t p = 0; p < domain().patchCount() && !tails; ++p) roots.push_back({p, 0, 0, 0});
-    stream_switch.start(artwork.source, so, roots, for_plan.relief ? roots : std::vector<NodeId>());
-  }
-
-  // What is resident for other planes is dropped.
-  void adoptStreamer(std::unique_ptr<PageStreamer> next) {
-    if (streamer) {
-      for (std::string& text : streamer->takeMessages()) page_messages.push_back(std::move(text));
-      failures.add(streamer->failures());
-      stream_switch.retire(std::move(streamer));
-    }
-    streamer = std::move(next);
-    if (slots != starting_slots) pool->reshape(starting_slots);
-    slots = starting_slots;
-    setTailTexels(starting_plan, starting_light);
+  // Nothing that was found or drawn of the planes before holds.
+  void forgetPlanes() {
     predictor.reset();
     predicting = false;
-    pool->forgetTable();
     demand->reset();
-    relief_requests.clear();
-    instances.clear();
-    pinned_relief.clear();
-    resident_generation = ~uint64_t{0};
-    adopted_frame = 0;
-    posted.clear();
+    list->reset();
   }
 
   // Goes over to the pending scene once the roots of its planes are there.
   Result<void> switchPlanes() {
     if (!pending_scene) return {};
-    EffectPlan wanted = planEffects(*pending_scene, artwork.manifest);
-    if (stream_switch.busy()) {
-      auto next = stream_switch.tryTake();
-      if (!next) return {};
-      if (starting_plan.samePages(wanted)) {
-        adoptStreamer(std::move(next));
+    const EffectPlan wanted = planEffects(*pending_scene, artwork.manifest);
+    if (planes->starting()) {
+      if (planes->adopt(wanted)) {
+        forgetPlanes();
         scene = *std::exchange(pending_scene, std::nullopt);
         plan = wanted;
-        auto light = singleLight(scene);
-        if (plan.resolve && light != starting_light) {
-          streamer->setLight(light);
-          setTailTexels(plan, light);
-        }
+        if (const auto light = singleLight(scene); plan.resolve && light != planes->startedLight())
+          planes->setLight(plan, light);
         return linkPrograms();
       }
-      stream_switch.retire(std::move(next));  // the scene changed once more meanwhile
+      if (planes->starting()) return {};
     }
-    startStreaming(wanted, *pending_scene);
+    planes->start(wanted, *pending_scene);
     return {};
   }
 
@@ -358,11 +165,7 @@ struct Engine::Impl {
     if (plan.casts()) {
       // What is beside the picture may cast a shadow into it.
       const double half_mm = 0.5 * mmPerPx(camera, height) * std::min(width, height);
-      double reach = 1;
-      if (plan.shadows)
-        for (const CastingLight& light : castingLights(view))
-          reach = std::max(reach, casterReach(drawnExtent(), lowestOf(light), half_mm));
-      if (plan.ambient_occlusion) reach = std::max(reach, casterReach(drawnExtent(), kLowSky, half_mm));
+      const double reach = lights->reach(scene, plan, view, drawnExtent(), half_mm);
       for (int column = 0; column < 4; ++column)
         for (int row = 0; row < 2; ++row) v.clip_from_world[column][row] /= reach;
     }
@@ -386,55 +189,15 @@ struct Engine::Impl {
   }
 
   void postLod(const ViewTransform& view) {
-    if (streamer->reliefGeneration() != resident_generation) {
-      resident_generation = streamer->reliefGeneration();
-      auto nodes = streamer->residentRelief();
-      resident_relief = std::make_shared<ReliefSet>(nodes.begin(), nodes.end());
-    }
-    lod->post({frame, lodView(view), resident_relief,
-               demand->usesGeometry() ? std::optional(textureView(view)) : std::nullopt});
-    posted.push_back({frame, view, scene.exaggerate, ++lod_requests});
+    list->post(frame, lodView(view), demand->usesGeometry() ? std::optional(textureView(view)) : std::nullopt, view,
+               scene.exaggerate, streamer());
   }
-
-  // The list becomes the drawn one if every relief page that it displaces from is still there; those are pinned while
-  // it is.
-  void adopt(LodAnswer answer) {
-    stats.lod_ms = answer.evaluate_ms;
-    while (!posted.empty() && posted.front().frame < answer.frame) posted.pop_front();
-    if (posted.empty() || posted.front().frame != answer.frame) return;  // asked for before streaming was restarted
-    relief_requests.clear();
-    for (const ReliefRequest& w : answer.lod.requests) relief_requests.push_back({w.page, 1, w.priority});
-    if (answer.texture) {
-      stats.determine_ms = answer.determine_ms;
-      demand->takeGeometry(*answer.texture);
-    }
-    std::vector<NodeId> pages;
-    if (plan.relief) {
-      pages.reserve(answer.lod.instances.size());
-      for (const PatchInstance& p : answer.lod.instances)
-        if (p.relief_page.level != kTailLevel) pages.push_back(p.relief_page);
-      std::sort(pages.begin(), pages.end());
-      pages.erase(std::unique(pages.begin(), pages.end()), pages.end());
-      for (const NodeId& page : pages) {
-        if (streamer->findRelief(page) == kNoSlot) return;  // evicted meanwhile: the next answer will know
-      }
-      for (const NodeId& page : pages) streamer->pinRelief(page);
-      for (const NodeId& page : pinned_relief) streamer->unpinRelief(page);
-    }
-    pinned_relief = std::move(pages);
-    list_number += answer.lod.instances != instances || answer.lod.backs_are_hidden != backs_are_hidden;
-    backs_are_hidden = answer.lod.backs_are_hidden;
-    instances = std::move(answer.lod.instances);
-    stats.predicted_error_px = answer.lod.max_error_px;
-    stats.edges_limited = answer.lod.limited_by_residency;
-    adopted_frame = answer.frame;
-    drawn = posted.front();
-  }
+  void adopt(LodAnswer answer) { list->adopt(std::move(answer), plan.relief, streamer(), *demand, stats); }
 
   void setUniforms(const gl::Program& program, double now_s, std::array<int, 3> sample = {1, 0, 0},
                    int tap_phase = 0) const {
-    if (tail_textures) tail_textures->bind(program, tailReach());
-    const glm::dvec3 light = lightInSpace(drawn.view);
+    if (const TailTextures* tails = planes->tailTextures()) tails->bind(program, tailReach());
+    const glm::dvec3 light = lights->single(scene, drawn().view);
     const TextureFormat format = plan.format(artwork.manifest);
     setShadingUniforms(program, {.format = &format,
                                  .domain = &domain(),
@@ -447,11 +210,11 @@ struct Engine::Impl {
                                  .fades_over = fades_over});
   }
 
-  ViewTransform sampleView() const { return throughOffset(drawn.view, offset_px, width, height); }
+  ViewTransform sampleView() const { return throughOffset(drawn().view, offset_px, width, height); }
   DrawnSurface surfaceNow() const {
-    return {list_number, sampleView().clip_from_world, drawn.exaggerate, width, height};
+    return {list->number(), sampleView().clip_from_world, drawn().exaggerate, width, height};
   }
-  const PageTable& shownTable() { return asked ? *asked : streamer->table(); }
+  const PageTable& shownTable() { return asked ? *asked : streamer().table(); }
   // What is seen at each pixel: the only pass over the geometry, and only when it shows something else than the last.
   void updateSurface() {
     if (surface_drawn == surfaceNow()) return;
@@ -461,11 +224,11 @@ struct Engine::Impl {
     surface.begin();
     useForGeometry(programs.surface);
     const EyeFrame eye = prepareInstances(programs.surface);
-    const gl::Program* root_cells = tails && patches->drawsRootCells() ? &programs.root_cells : nullptr;
+    const gl::Program* root_cells = planes->hasTails() && patches->drawsRootCells() ? &programs.root_cells : nullptr;
     if (root_cells) useForGeometry(*root_cells);
     programs.surface.use();
     const PatchPass::Mesh mesh =
-        backs_are_hidden && !faults.draw_backs ? PatchPass::Mesh::kFronts : PatchPass::Mesh::kFull;
+        list->backsAreHidden() && !faults.draw_backs ? PatchPass::Mesh::kFronts : PatchPass::Mesh::kFull;
     stats.draw_calls += faults.call_a_patch ? patches->drawOneByOne(programs.surface, eye)
                                             : patches->draw(programs.surface, eye, mesh, 0, root_cells);
   }
@@ -473,30 +236,36 @@ struct Engine::Impl {
   // Before PatchPass::draw(), for each program that it takes.
   void useForGeometry(const gl::Program& program) {
     program.use();
-    pool->bind(program, shownTable());
+    pool().bind(program, shownTable());
     setUniforms(program, 0);
     if (corners) corners->bind(program, kCornersUnit);
   }
 
+  SurfaceShading::Frame shadedFrame(const ViewTransform& seen, double now_s) {
+    return {.scene = scene,
+            .plan = plan,
+            .programs = programs,
+            .surface = surface,
+            .screen = *screen,
+            .lights = *lights,
+            .extent = drawnExtent(),
+            .view = drawn().view,
+            .seen = seen,
+            .surface_drawn = surface_drawn,
+            .use = [this, now_s](const gl::Program& program) { useForSurface(program, now_s); },
+            .draw_map = [this](const ShadowView& view) { drawShadowMap(view); }};
+  }
   // After updateSurface(), whose list of instances it draws once more, as lights and sky see it.
   void updateShares(LightShares::Directions directions) {
-    if (!plan.casts()) return;
-    if (!shares) shares = std::make_unique<LightShares>(surface.depthMode());
-    LightShares::Wanted wanted{.surface = surface_drawn, .view = &drawn.view, .extent = &drawnExtent()};
-    if (plan.shadows) wanted.lights = castingLights(drawn.view);
-    wanted.sky = plan.ambient_occlusion;
-    stats.draw_calls += shares->update(wanted, directions,
-                                       {.programs = &programs,
-                                        .surface = &surface,
-                                        .screen = screen.get(),
-                                        .draw_map = [this](const ShadowView& view) { drawShadowMap(view); }});
+    const ViewTransform seen = sampleView();
+    stats.draw_calls += shading->updateShares(shadedFrame(seen, 0), directions);
   }
-  bool sharesWhole() const { return !shares || shares->whole(); }
   void drawShadowMap(const ShadowView& view) {
-    EyeFrame eye = eyeFrame(drawn.view, domain(), drawn.exaggerate, plan.relief, surface.depthMode());
+    EyeFrame eye = eyeFrame(drawn().view, domain(), drawn().exaggerate, plan.relief, surface.depthMode());
     eye.clip_from_eye = glClipFrom(view.clip_from_world, eye.origin_mm, surface.depthMode());
     useForGeometry(programs.shadow_map);
-    const gl::Program* root_cells = tails && patches->drawsRootCells() ? &programs.shadow_map_roots : nullptr;
+    const gl::Program* root_cells =
+        planes->hasTails() && patches->drawsRootCells() ? &programs.shadow_map_roots : nullptr;
     if (root_cells) useForGeometry(*root_cells);
     programs.shadow_map.use();
     stats.draw_calls += patches->draw(programs.shadow_map, eye, PatchPass::Mesh::kFull, 0, root_cells);
@@ -506,74 +275,25 @@ struct Engine::Impl {
     patches->bindInstances(program, 3);
     surface.bind(program, 4);
   }
-
-  // After updateSurface(): near lights, gloss, and depth and curvature of a scan, need each pixel's place.
-  void keepDepth() {
-    if (!plan.keepsDepth() || (kept_depth && kept_depth_of == surface_drawn)) return;
-    if (!kept_depth) kept_depth = std::make_unique<KeptDepth>();
-    kept_depth->take(surface);
-    kept_depth_of = surface_drawn;
-  }
-  const ReliefShading& completedShading() const {
-    if (!completed_shading || completed_shading->first != scene.shading)
-      completed_shading = {scene.shading, completed(scene.shading, artwork.manifest)};
-    return completed_shading->second;
-  }
-  // Lights, with gloss, or what is shown in their place; for the shading program in use.
-  void setLights(const gl::Program& program) const {
-    const bool shaded = plan.shading != ReliefShading::Kind::kNone;
-    if (plan.lights == 0 && !shaded && !plan.gloss) return;
-    const glm::dvec3& eye_mm = drawn.view.eye_mm;
-    const glm::dmat4 eye_from_pixel =
-        glm::inverse(glm::translate(sampleView().clip_from_world, eye_mm)) * clipFromPixel(surface.depthMode());
-    if (shaded)
-      setNamedUniforms(program, shadingUniforms(completedShading(), artwork.manifest, eye_mm, eye_from_pixel,
-                                                surface.depthMode().farPlane()));
-    if (plan.lights > 0)
-      setNamedUniforms(program,
-                       lightUniforms(lightsInSpace(drawn.view), plan.format(artwork.manifest), eye_mm, eye_from_pixel));
-    if (plan.gloss) setNamedUniforms(program, glossUniforms(scene.gloss, drawn.view, eye_from_pixel));
-    if (kept_depth) kept_depth->bind(program, kKeptDepthUnit);
-    if (normals) normals->bind(program, kNormalsUnit);
+  void useForSurface(const gl::Program& program, double now_s) {
+    program.use();
+    pool().bind(program, shownTable());
+    bindSurface(program);
+    setUniforms(program, now_s);
   }
 
   // After updateShares().
   void shadeSurface(double now_s) {
     target_is_average = false;
-    keepDepth();
     // Where no pixel asks for a page, or there is none, nothing is looked up: the same picture, for half the cost.
     // But with anisotropy, a patch that has no page shows its tail along the pixel's footprint.
     const bool no_look_up = demand->requests().empty() || shownTable().size() == 0;
-    const bool only_tails = no_look_up && !(plan.anisotropy > 1 && domain().hasUntexturedPatch());
-    if (plan.drawsNormals()) {
-      if (!normals) normals = std::make_unique<NormalsTarget>();
-      normals->begin(surface);
-      const gl::Program& drawing = tails && only_tails ? programs.normals_tails : programs.normals;
-      drawing.use();
-      pool->bind(drawing, shownTable());
-      bindSurface(drawing);
-      setUniforms(drawing, now_s);
-      screen->draw(true);
-      ++stats.draw_calls;
-    }
-    target.begin();
-    const gl::Program& program = tails && only_tails ? programs.tails : programs.shade;
-    program.use();
-    pool->bind(program, shownTable());
-    bindSurface(program);
-    setUniforms(program, now_s);
-    setNamedUniforms(program, effectUniforms(scene.effects));
-    setLights(program);
-    if (plan.shadows) shares->pass().bind(program, kShadowUnit);
-    if (plan.ambient_occlusion) {
-      setNamedUniforms(program, occlusionUniforms(scene.ambient_occlusion));
-      shares->pass().bindSky(program, kSkyUnit);
-    }
-    screen->draw(true);
-    ++stats.draw_calls;
+    const bool only_tails = planes->hasTails() && no_look_up && !(plan.anisotropy > 1 && domain().hasUntexturedPatch());
+    const ViewTransform seen = sampleView();
+    stats.draw_calls += shading->draw(shadedFrame(seen, now_s), target, only_tails);
     if (plan.wireframe) {
       programs.wire.use();
-      pool->bind(programs.wire, shownTable());
+      pool().bind(programs.wire, shownTable());
       const EyeFrame eye = prepareInstances(programs.wire);
       stats.draw_calls += patches->draw(programs.wire, eye, PatchPass::Mesh::kLines, 2e-5f);
     }
@@ -585,8 +305,8 @@ struct Engine::Impl {
     offset_px = samplePattern(plan.samples)[static_cast<size_t>(samples_in)];
     updateSurface();
     updateShares(directions);
-    if (sharesWhole() || samples_in == 0) shadeWithoutFades(now_s);
-    if (sharesWhole()) stack->take(target, samples_in++);
+    if (shading->whole() || samples_in == 0) shadeWithoutFades(now_s);
+    if (shading->whole()) stack->take(target, samples_in++);
     offset_px = {};
   }
   void shadeWithoutFades(double now_s) {
@@ -605,21 +325,21 @@ struct Engine::Impl {
   // pages came. So that a settled picture does not, its samples find those pages alone, and roots.
   void drawSettledSamples() {
     const auto& requests = demand->requests();
-    const uint32_t roots = tails ? 0 : domain().patchCount();
+    const uint32_t roots = planes->hasTails() ? 0 : domain().patchCount();
     asked.emplace(static_cast<uint32_t>(requests.size()) + roots, static_cast<int>(plan.texture_planes.size()));
     auto show = [&](const NodeId& node) {
-      if (const auto entry = streamer->table().find(node)) asked->insert(node, *entry);
+      if (const auto entry = streamer().table().find(node)) asked->insert(node, *entry);
     };
     for (uint32_t p = 0; p < roots; ++p) show({p, 0, 0, 0});
     for (const NodeRequest& request : requests) show(request.node);
-    pool->forgetTable();
-    pool->uploadTable(*asked);
+    pool().forgetTable();
+    pool().uploadTable(*asked);
     sampled = demandView();
     for (samples_in = 0; samples_in < plan.samples;) drawSample(0, LightShares::Directions::kAll);
     averageSamples();
     asked.reset();
-    pool->forgetTable();
-    pool->uploadTable(streamer->table());
+    pool().forgetTable();
+    pool().uploadTable(streamer().table());
   }
 
   // What the cache makes the view do without, and what the scene does without on top of it.
@@ -641,13 +361,13 @@ struct Engine::Impl {
   // what of it counts.
   void expectPages() {
     if (overMesh() || demand->usesGeometry() || lod_bias > 0) return;
-    TextureView view = textureView(drawn.view);
+    TextureView view = textureView(drawn().view);
     view.relief = false;  // like the feedback, not the finest level that a slope might want
     auto expected = selectTextureNodes(domain().flat(), *artwork.oracle, view);
-    if (expected.size() * plan.texture_planes.size() > slots.texture / 2) return;
+    if (expected.size() * plan.texture_planes.size() > planes->slots().texture / 2) return;
     demand->expect(expected);
     ++frame;
-    stream(steadySeconds(), slots.total());
+    stream(steadySeconds(), planes->slots().total());
   }
 
   // What every pixel of the drawn list wants, at once: waits for it.
@@ -661,22 +381,22 @@ struct Engine::Impl {
   }
 
   void stream(double now_s, uint32_t max_uploads) {
-    streamer->beginFrame(frame, now_s);
+    streamer().beginFrame(frame, now_s);
     const DrawnSurface seen{0, currentView().clip_from_world, scene.exaggerate, width, height};
     // The streamer knows its own part of the bias only.
-    streamer->setRequestBias(
+    streamer().setRequestBias(
         demand->usesGeometry() ? std::nullopt : std::optional<double>(demand->bias() - scene.detail_bias),
         seen != streamed_view);
     streamed_view = seen;
-    streamer->requestTexture(demand->requests());
-    if (plan.relief) streamer->requestRelief(relief_requests);
-    pool->upload(streamer->placeReady(max_uploads));
-    if (pool->uploadTable(streamer->table())) sampled.reset();
+    streamer().requestTexture(demand->requests());
+    if (plan.relief) streamer().requestRelief(list->reliefRequests());
+    pool().upload(streamer().placeReady(max_uploads));
+    if (pool().uploadTable(streamer().table())) sampled.reset();
   }
 
   void stopPrefetch() {
     predictor.reset();
-    if (std::exchange(predicting, false)) streamer->requestPrefetch({}, {});
+    if (std::exchange(predicting, false)) streamer().requestPrefetch({}, {});
   }
 
   // Nothing to do while the camera stands still; else a prediction, and a request that another thread answers.
@@ -684,16 +404,16 @@ struct Engine::Impl {
     if (!options.prefetch || overMesh()) return;
     predictor.observe(camera, now_s);
     if (!predictor.moves(height) || lod_bias > 0) {
-      if (std::exchange(predicting, false)) streamer->requestPrefetch({}, {});
+      if (std::exchange(predicting, false)) streamer().requestPrefetch({}, {});
       return;
     }
     if (!prefetcher) prefetcher = std::make_unique<Prefetcher>(domain().flat(), artwork.oracle);
     if (auto answer = prefetcher->tryTake(); answer && predicting) {
-      streamer->requestPrefetch(
+      streamer().requestPrefetch(
           answer->texture, plan.relief ? std::span<const NodeRequest>(answer->relief) : std::span<const NodeRequest>());
       stats.predict_ms = answer->determine_ms;
     }
-    auto views = predictor.views(prefetchHorizon(streamer->stats().latency_ms.p90 / 1000, predictor.options()));
+    auto views = predictor.views(prefetchHorizon(streamer().stats().latency_ms.p90 / 1000, predictor.options()));
     Prefetcher::Request request;
     request.now_s = now_s;
     for (const OrbitCamera& ahead : views) {
@@ -703,7 +423,7 @@ struct Engine::Impl {
     constexpr uint64_t kReliefEvery = 4;  // frames: its cost is that of a frame's patch list
     if (plan.relief && frame % kReliefEvery == 0) {
       request.relief = lodView(viewOf(views.back()));
-      request.resident = resident_relief;
+      request.resident = list->resident();
     }
     prefetcher->post(std::move(request));
     predicting = true;
@@ -711,13 +431,14 @@ struct Engine::Impl {
 
   // For the program in use.
   EyeFrame prepareInstances(const gl::Program& program) {
-    const EyeFrame eye = eyeFrame(sampleView(), domain(), drawn.exaggerate, plan.relief, surface.depthMode());
+    const EyeFrame eye = eyeFrame(sampleView(), domain(), drawn().exaggerate, plan.relief, surface.depthMode());
     if (corners) {
-      corners->setEye(drawn.view.eye_mm);
+      corners->setEye(drawn().view.eye_mm);
       corners->bind(program, kCornersUnit);
     }
-    if (tail_textures) tail_textures->bind(program, tailReach());
-    patches->setInstances(instances, eye, plan.relief, [&](const NodeId& page) { return streamer->findRelief(page); });
+    if (const TailTextures* tails = planes->tailTextures()) tails->bind(program, tailReach());
+    patches->setInstances(list->instances(), eye, plan.relief,
+                          [&](const NodeId& page) { return streamer().findRelief(page); });
     return eye;
   }
 
@@ -729,15 +450,15 @@ struct Engine::Impl {
     prefetch(now_s);
     stream(now_s, options.uploads_per_frame);
     ViewTransform view = currentView();
-    if (adopted_frame == 0) {  // a new streamer's first frame has nothing to draw yet: it waits for its list
+    if (list->adoptedFrame() == 0) {  // a new streamer's first frame has nothing to draw yet: it waits for its list
       postLod(view);
-      adopt(lod->waitFor(frame));
+      adopt(list->waitFor(frame));
     } else {
-      if (auto answer = lod->tryTake()) adopt(std::move(*answer));
-      lod_lag.add(1 + lod_requests - drawn.request);
+      if (auto answer = list->tryTake()) adopt(std::move(*answer));
+      list->countLag();
       postLod(view);
     }
-    lod_bias = streamer->detailBias();
+    lod_bias = streamer().detailBias();
     stats.draw_calls = 0;
     updateSurface();  // a still camera: light, new pages and fades change the shading only
     // Before the shading, whose depth buffer the feedback reads: software GL waits for every pass that has a texture
@@ -752,11 +473,11 @@ struct Engine::Impl {
     submitFrame();
   }
 
-  bool allArrived(std::span<const NodeRequest> requests, std::span<const Plane> planes) const {
+  bool allArrived(std::span<const NodeRequest> requests, std::span<const Plane> of_planes) const {
     for (const NodeRequest& w : requests) {
       bool whole = true, failed = false;
-      for (Plane p : planes) {
-        PageState state = streamer->state(PageId(p, w.node));
+      for (Plane p : of_planes) {
+        PageState state = streamer().state(PageId(p, w.node));
         whole = whole && state == PageState::kResident;
         failed = failed || state == PageState::kFailed;  // then the other planes are asked for no more
       }
@@ -769,22 +490,22 @@ struct Engine::Impl {
   // it was made.
   bool settleGeometry() {
     ++frame;
-    stream(steadySeconds(), slots.total());
-    if (settled_geometry == std::pair(streamer->reliefGeneration(), streamer->detailBias()))
+    stream(steadySeconds(), planes->slots().total());
+    if (settled_geometry == std::pair(streamer().reliefGeneration(), streamer().detailBias()))
       return true;  // nothing new to know
     settled_geometry = {};
-    lod_bias = streamer->detailBias();
+    lod_bias = streamer().detailBias();
     postLod(currentView());
-    uint64_t generation = resident_generation;
-    adopt(lod->waitFor(frame));
+    const uint64_t generation = list->residentGeneration();
+    adopt(list->waitFor(frame));
     static constexpr Plane kReliefPlane[] = {Plane::kRelief};
-    if (adopted_frame != frame) {
+    if (list->adoptedFrame() != frame) {
       // A page has failed: then what its absence leads to.
-      if (all_pages_come && allArrived(relief_requests, kReliefPlane)) all_pages_come = false;
+      if (all_pages_come && allArrived(list->reliefRequests(), kReliefPlane)) all_pages_come = false;
       return false;
     }
-    bool final_list =
-        !plan.relief || (allArrived(relief_requests, kReliefPlane) && generation == streamer->reliefGeneration());
+    bool final_list = !plan.relief ||
+                      (allArrived(list->reliefRequests(), kReliefPlane) && generation == streamer().reliefGeneration());
     if (final_list) settled_geometry = {generation, lod_bias};
     return final_list;
   }
@@ -792,6 +513,29 @@ struct Engine::Impl {
 
 Engine::Engine(std::unique_ptr<Impl> impl) : impl_(std::move(impl)) {}
 Engine::~Engine() = default;
+
+// Roots of every plane (or tails), and a little room to look at anything beside them; also when one light is fixed
+// later, and without --shading, when there are other planes, too.
+Result<void> Engine::Impl::fitsCache() const {
+  const Manifest& manifest = artwork.manifest;
+  EffectPlan fixed = plan;
+  if (!fixed.resolve && fixed.lit()) {
+    Scene fixed_scene = scene;
+    fixed_scene.relight = false;
+    fixed_scene.lights.clear();
+    fixed = planEffects(fixed_scene, manifest);
+  }
+  Scene unshaded = scene;
+  unshaded.shading = {};
+  const uint64_t least = std::max(
+      {planes->leastBytes(plan), planes->leastBytes(fixed), planes->leastBytes(planEffects(unshaded, manifest))});
+  if (options.cache_mib * 1024 * 1024 >= static_cast<double>(least)) return {};
+  return Error{ErrorKind::kUsage,
+               "",
+               "the page cache of " + std::to_string(options.cache_mib) + " MiB is too small for this artwork",
+               "give it at least " + std::to_string(least / (1024 * 1024) + 1) + " MiB (--cache-mib)",
+               {}};
+}
 
 Result<std::unique_ptr<Engine>> Engine::create(Artwork artwork, const Scene& scene, const EngineOptions& options) {
   if (const std::string problem = sceneProblem(scene, artwork.manifest); !problem.empty())
@@ -809,36 +553,14 @@ Result<std::unique_ptr<Engine>> Engine::create(Artwork artwork, const Scene& sce
   if (with_tails)
     impl->stats.tail_bytes =
         tailGpuBytes(manifest.domain.patchCount(), static_cast<uint64_t>(manifest.texture.planes()));
-  const uint32_t roots = with_tails ? 1 : impl->domain().patchCount();
   auto upload = chooseUpload(options.upload, manifest, impl->context.software,
                              [&](PageCodec codec) { return missingBlockExtension(codec, impl->context.api); });
   if (!upload) return upload.error();
-  impl->upload = *upload;
-  if (const std::string why = impl->whyNotBlocks(); options.upload == Upload::kBlocks && !why.empty())
+  ResidentPlanes& planes =
+      impl->planes.emplace(impl->artwork, impl->options, impl->stats.tail_bytes, std::move(*upload));
+  if (const std::string why = planes.whyNotBlocks(impl->plan); options.upload == Upload::kBlocks && !why.empty())
     impl->notices.push_back("texture pages are uploaded as rgba8, not as blocks: " + why);
-  impl->pinned_nodes = roots;
-  // Roots of every plane (or tails), and a little room to look at anything beside them; also when one light is fixed
-  // later.
-  EffectPlan fixed = impl->plan;
-  if (!fixed.resolve && fixed.lit()) {
-    Scene fixed_scene = scene;
-    fixed_scene.relight = false;
-    fixed_scene.lights.clear();
-    fixed = planEffects(fixed_scene, manifest);
-  }
-  // Without --shading later there are other planes, too.
-  Scene unshaded = scene;
-  unshaded.shading = {};
-  const uint64_t least = impl->stats.tail_bytes +
-                         std::max({minCacheBytes(impl->cacheNeeds(impl->plan)), minCacheBytes(impl->cacheNeeds(fixed)),
-                                   minCacheBytes(impl->cacheNeeds(planEffects(unshaded, manifest)))});
-  if (options.cache_mib * 1024 * 1024 < static_cast<double>(least)) {
-    return Error{ErrorKind::kUsage,
-                 "",
-                 "the page cache of " + std::to_string(options.cache_mib) + " MiB is too small for this artwork",
-                 "give it at least " + std::to_string(least / (1024 * 1024) + 1) + " MiB (--cache-mib)",
-                 {}};
-  }
+  if (auto fits = impl->fitsCache(); !fits) return fits.error();
   if (with_tails) {
     if (const uint64_t most = TailTextures::maxPatches(manifest.texture.planes());
         manifest.domain.patchCount() > most) {
@@ -849,35 +571,25 @@ Result<std::unique_ptr<Engine>> Engine::create(Artwork artwork, const Scene& sce
                    "build it with fewer patches (--patches)",
                    {}};
     }
-    impl->makeTails();
-    if (options.interrupted && options.interrupted->load())
-      return Error{ErrorKind::kInterrupted, "", "interrupted", "", {}};
   }
-  impl->slots = cacheSlots(impl->cacheNeeds(impl->plan), impl->cacheBudget());
-  impl->camera = fitCamera(artworkExtent(impl->artwork.manifest), impl->width, impl->height);
-  impl->pool = std::make_unique<PagePool>(impl->slots);
+  if (auto opened = planes.open(impl->plan); !opened) return opened.error();
+  impl->camera = fitCamera(artworkExtent(manifest), impl->width, impl->height);
   impl->patches = std::make_unique<PatchPass>(impl->context.software);
   const DepthMode depth = depthMode(options.reversed_depth);
   impl->stats.reversed_depth = depth.reversed;
   impl->surface = SurfaceTarget(depth);
   impl->target = PictureTarget(depth);
   impl->screen = std::make_unique<ScreenPass>(depth);
+  impl->lights.emplace(manifest);
+  impl->shading.emplace(manifest, depth);
   // Over a base mesh the pass alone knows: a texture's density varies over its patches.
   impl->demand = std::make_unique<TextureDemand>(impl->overMesh() ? RequestSource::kFeedback : options.request_source,
                                                  impl->options.feedback_scale, impl->context.software, impl->domain());
-  if (const Manifest& m = impl->artwork.manifest; !m.domain.isFlat()) {
-    impl->corners = std::make_unique<BaseCorners>(m.base);
-    auto lod =
-        std::make_shared<MeshLod>(m.base, m.domain.relief_depth, m.domain.relief_offset_mm, m.domain.relief_scale_mm,
-                                  impl->artwork.oracle, m.coarse_errors, impl->tails.has_value());
-    impl->lod = std::make_unique<LodWorker>(
-        [lod](const LodView& view, const ReliefSet& resident) { return lod->select(view, resident); });
-  } else {
-    impl->lod = std::make_unique<LodWorker>(impl->domain().flat(), impl->artwork.oracle);
-  }
+  if (impl->overMesh()) impl->corners = std::make_unique<BaseCorners>(manifest.base);
+  impl->list.emplace(impl->artwork, planes.hasTails());
   if (auto linked = impl->linkPrograms(); !linked) return linked.error();
-  impl->startStreaming(impl->plan, impl->scene);
-  impl->adoptStreamer(impl->stream_switch.take());
+  planes.openStreamer(impl->plan, impl->scene);
+  impl->forgetPlanes();
   return std::unique_ptr<Engine>(new Engine(std::move(impl)));
 }
 
@@ -892,9 +604,9 @@ const OrbitCamera& Engine::camera() const { return impl_->camera; }
 const Scene& Engine::scene() const { return impl_->pending_scene ? *impl_->pending_scene : impl_->scene; }
 const EffectPlan& Engine::plan() const { return impl_->plan; }
 const Manifest& Engine::manifest() const { return impl_->artwork.manifest; }
-const std::vector<PatchInstance>& Engine::instances() const { return impl_->instances; }
+const std::vector<PatchInstance>& Engine::instances() const { return impl_->list->instances(); }
 const std::vector<NodeRequest>& Engine::textureRequests() const { return impl_->demand->requests(); }
-ViewTransform Engine::view() const { return impl_->drawn.view; }
+ViewTransform Engine::view() const { return impl_->drawn().view; }
 
 Result<void> Engine::setScene(const Scene& scene) {
   Impl& e = *impl_;
@@ -920,8 +632,7 @@ Result<void> Engine::setScene(const Scene& scene) {
   e.plan = planEffects(now, e.artwork.manifest);
   assert(e.plan.samePages(before));
   if (auto light = singleLight(now); e.plan.resolve && light != light_before) {
-    e.streamer->setLight(light);
-    e.setTailTexels(e.plan, light);
+    e.planes->setLight(e.plan, light);
   }
   if (e.plan != before) {
     if (auto linked = e.linkPrograms(); !linked) return linked;
@@ -938,9 +649,9 @@ void Engine::frame(double now_s) { impl_->frameOnce(now_s); }
 
 bool Engine::refine(double now_s) {
   Impl& e = *impl_;
-  if (e.adopted_frame == 0) return false;
+  if (e.list->adoptedFrame() == 0) return false;
   if (e.plan.samples == 1) {
-    if (e.sharesWhole()) return false;
+    if (e.shading->whole()) return false;
     ++e.stats.frames;
     e.stats.draw_calls = 0;
     e.updateSurface();
@@ -990,19 +701,19 @@ Result<void> Engine::settle(double timeout_s, bool refined) {
     for (int step = 0; !timedOut(); ++step) {
       // Relief takes part, so that it is not evicted meanwhile; the list stays the same unless it is.
       bool geometry = e.settleGeometry();
-      if (geometry && e.streamer->settled() && e.lod_bias == bias &&
+      if (geometry && e.streamer().settled() && e.lod_bias == bias &&
           e.allArrived(e.demand->requests(), e.plan.texture_planes)) {
         done = true;
         break;
       }
       if (e.lod_bias != bias && step >= 16) break;
       // Nothing to upload: pages are on their way, or are read again later.
-      if (e.streamer->stats().ready == 0) pause();
+      if (e.streamer().stats().ready == 0) pause();
     }
   }
   if (interrupted()) return Error{ErrorKind::kInterrupted, "", "interrupted", "", {}};
   if (!done) {
-    const StreamerStats& s = e.streamer->stats();
+    const StreamerStats& s = e.streamer().stats();
     return Error{ErrorKind::kRuntime,
                  "",
                  "the view did not settle within " + std::to_string(static_cast<int>(timeout_s)) +
@@ -1061,32 +772,32 @@ std::optional<glm::dvec3> Engine::surfacePoint(double x_px, double y_px) {
 EngineStats Engine::stats() const {
   const Impl& e = *impl_;
   EngineStats s = e.stats;
-  s.streamer = e.streamer->stats();
-  s.lod_lag_frames = summarize(e.lod_lag, 1);
+  s.streamer = e.streamer().stats();
+  s.lod_lag_frames = summarize(e.list->lag(), 1);
   s.instances = e.patches->instanceCount();
   s.triangles = e.patches->triangles();
   s.wanted_nodes = static_cast<uint32_t>(e.demand->requests().size());
   for (const NodeRequest& w : e.demand->requests()) {
     for (Plane p : e.plan.texture_planes)
-      s.missing_pages += e.streamer->state(PageId(p, w.node)) != PageState::kResident;
+      s.missing_pages += e.streamer().state(PageId(p, w.node)) != PageState::kResident;
   }
   if (e.plan.relief) {
-    for (const NodeRequest& w : e.relief_requests)
-      s.missing_pages += e.streamer->state(PageId(Plane::kRelief, w.node)) != PageState::kResident;
+    for (const NodeRequest& w : e.list->reliefRequests())
+      s.missing_pages += e.streamer().state(PageId(Plane::kRelief, w.node)) != PageState::kResident;
   }
   s.orthographic = e.camera.orthographic;
   s.mm_per_px = mmPerPx(e.camera, e.height);
   s.size_known = e.artwork.manifest.size_known;
-  s.slots = e.slots.total();
+  s.slots = e.planes->slots().total();
   s.resident = static_cast<uint32_t>(s.streamer.resident);
-  s.upload = e.slots.upload;
-  s.why_not_blocks = e.whyNotBlocks();
-  s.cache_bytes = e.slots.bytes();
-  s.texture_bytes = e.pool->textureBytes();
+  s.upload = e.planes->slots().upload;
+  s.why_not_blocks = e.planes->whyNotBlocks(e.plan);
+  s.cache_bytes = e.planes->slots().bytes();
+  s.texture_bytes = e.pool().textureBytes();
   s.detail_bias = e.lod_bias;
   s.samples = e.showsAverage() ? e.samples_in : 1;
-  s.directions = e.shares ? e.shares->directions() : 0;
-  s.refined = e.plan.samples > 1 ? s.samples == e.plan.samples : e.sharesWhole();
+  s.directions = e.shading->directions();
+  s.refined = e.plan.samples > 1 ? s.samples == e.plan.samples : e.shading->whole();
   s.shading = e.scene.shading;
   s.switching = e.pending_scene.has_value();
   s.passes = e.plan.passes();
@@ -1103,27 +814,20 @@ EngineStats Engine::stats() const {
 
 std::vector<std::string> Engine::takeMessages() {
   std::vector<std::string> all = std::exchange(impl_->notices, {});
-  for (auto texts : {std::exchange(impl_->tail_messages, {}), std::exchange(impl_->page_messages, {}),
-                     impl_->streamer->takeMessages()})
+  for (auto texts : {impl_->planes->takeTailMessages(), impl_->planes->takePageMessages()})
     for (std::string& text : texts) all.push_back(std::move(text));
   return all;
 }
 
-PageFailures Engine::failures() const {
-  PageFailures all = impl_->failures;
-  all.add(impl_->streamer->failures());
-  return all;
-}
+PageFailures Engine::failures() const { return impl_->planes->failures(); }
 
 std::vector<std::string> Engine::takeNotices() {
   std::vector<std::string> all = std::exchange(impl_->notices, {});
   // Tails are made of root pages where they are damaged: the same picture, unless those failed.
-  if (const auto tails = std::exchange(impl_->tail_messages, {}); !tails.empty() && impl_->failures.pages == 0) {
+  if (const auto tails = impl_->planes->takeTailMessages(); !tails.empty() && impl_->planes->pastFailures().pages == 0)
     all.push_back(tails.front() +
                   (tails.size() > 1 ? ", and " + std::to_string(tails.size() - 1) + " more like it" : ""));
-  }
-  impl_->page_messages.clear();
-  (void)impl_->streamer->takeMessages();
+  (void)impl_->planes->takePageMessages();
   return all;
 }
 
@@ -1136,11 +840,11 @@ std::vector<float> Engine::captureVertices(uint32_t max_vertices) {
   e.target.bind();  // transform feedback answers zeros without one
   e.programs.capture.use();
   EyeFrame eye = e.prepareInstances(e.programs.capture);
-  e.pool->bind(e.programs.capture, e.streamer->table());
-  if (!e.tails || e.faults.call_a_patch) return e.patches->capture(e.programs.capture, eye, max_vertices);
+  e.pool().bind(e.programs.capture, e.streamer().table());
+  if (!e.planes->hasTails() || e.faults.call_a_patch) return e.patches->capture(e.programs.capture, eye, max_vertices);
   e.programs.capture_roots.use();
   e.corners->bind(e.programs.capture_roots, kCornersUnit);
-  e.tail_textures->bind(e.programs.capture_roots, e.tailReach());
+  e.planes->tailTextures()->bind(e.programs.capture_roots, e.tailReach());
   return e.patches->capture(e.programs.capture, eye, max_vertices, &e.programs.capture_roots);
 }
 
