@@ -230,6 +230,68 @@ std::string threeNumbers(const std::string& text) {
   return numbersOf(text, 3) ? "" : "expected three numbers X,Y,Z, found " + text;
 }
 
+constexpr const char* kExportFooter =
+    "Example:\n"
+    "  relievo export statue.relievo -o statue.ply\n"
+    "  relievo export statue.relievo -o web.glb --error-mm 0.2\n"
+    "  relievo export tablet.relievo -o heights.tif --map height\n"
+    "  relievo export tablet.relievo -o raking.tif --map lit --light -1,0,0.3\n"
+    "  relievo export statue.relievo -o relief.exr --map displacement --level 6\n"
+    "  relievo export tablet.relievo -o contours.svg --contours 0.5\n"
+    "  relievo export statue.relievo -o waist.svg --plane 0,1,0,350\n\n"
+    "Vertices are welded and all patches have the same cells: what is closed stays closed. Colours (sRGB; none in "
+    ".stl) are the albedo,\n"
+    "or the picture under light from the front; normals are the mesh's own.\n"
+    "Lengths are mm in the scan's own coordinates (px where no size is known); a flat artwork lies around its centre, "
+    "x right, y up.\n"
+    ".ply and .stl hold floats. Where these would lose detail because the scan lies far from its zero, positions count "
+    "from an origin,\n"
+    "which the file's comment or header names and which is printed. .glb always does so: its node scales mm to metres "
+    "and adds the\n"
+    "origin. Text formats keep the scan's coordinates.\n\n"
+    "Maps of flat artworks: a pixel is a cell of the level. height: mm, 32-bit float. depth: mm below the relief's "
+    "highest place.\n"
+    "A .png has both in 16 bits over the relief's range, which is printed: build takes it again as --relief-mm. "
+    "normal: (n + 1)/2 in\n"
+    "16 bits, in .exr float. albedo: sRGB, in .exr linear light. lit: the same under --light, as `relievo render` "
+    "shows it from above.\n"
+    "The pixel's size is stated as the resolution.\n"
+    "Maps of scans: an atlas with a tile a patch, its heights along the base mesh's directions, normals of the scan's "
+    "axes, or colours, at\n"
+    "the vertices that a mesh of the same level has. NAME.map.json and NAME.map.obj beside it say how the surface is "
+    "put together\n"
+    "(tools/export/PATCH_MAPS.md).\n\n"
+    "Lines (--contours, --section, --plane) lie on the triangles of a mesh of that level, joined, and closed where "
+    "they close. An .svg is in\n"
+    "mm, 1:1, with a bar; a .csv has a line for each point. A plane is drawn as seen from the side to which A,B,C "
+    "points.";
+
+// Lines, which are neither a map nor the mesh at an error or its base.
+void addLineOptions(CLI::App& c, ExportArguments& o, const std::vector<CLI::Option*>& others) {
+  const auto exclude = [](CLI::Option* option, const std::vector<CLI::Option*>& options) {
+    for (CLI::Option* other : options) option->excludes(other);
+  };
+  auto* contours = c.add_option("--contours", o.contours,
+                                "Of a flat artwork, lines of equal height, this many mm apart (px where no size is "
+                                "known), as .svg or .csv")
+                       ->check(CLI::PositiveNumber);
+  const auto fourNumbers = [](const std::string& text) {
+    return numbersOf(text, 4) ? std::string() : "expected four numbers with commas between them, found " + text;
+  };
+  auto* section = c.add_option("--section", o.section,
+                               "X0,Y0,X1,Y1: of a flat artwork, its profile from one place to another, mm from its "
+                               "centre, as .svg or .csv")
+                      ->check(fourNumbers);
+  auto* plane = c.add_option("--plane", o.plane,
+                             "A,B,C,D: of a scan, where the plane A x + B y + C z = D (mm) cuts it, as .svg or .csv")
+                    ->check(fourNumbers);
+  exclude(contours, others);
+  exclude(section, others);
+  exclude(section, {contours});
+  exclude(plane, others);
+  exclude(plane, {contours, section});
+}
+
 }  // namespace
 
 void addExportCommand(CLI::App& app, CommandContext& context) {
@@ -238,47 +300,7 @@ void addExportCommand(CLI::App& app, CommandContext& context) {
       "export",
       "Write a package's surface as a mesh (.ply, .obj, .stl, .off, .glb), or its heights, normals or "
       "colours as an image (.tif, .exr, .png)");
-  c->footer(
-      "Example:\n  relievo export statue.relievo -o statue.ply\n"
-      "  relievo export statue.relievo -o web.glb --error-mm 0.2\n"
-      "  relievo export tablet.relievo -o heights.tif --map height\n"
-      "  relievo export tablet.relievo -o raking.tif --map lit --light -1,0,0.3\n"
-      "  relievo export statue.relievo -o relief.exr --map displacement --level 6\n"
-      "  relievo export tablet.relievo -o contours.svg --contours 0.5\n"
-      "  relievo export statue.relievo -o waist.svg --plane 0,1,0,350\n\n"
-      "Vertices are welded and all patches have the same cells: what is closed stays closed. Colours (sRGB; none in "
-      ".stl) are the albedo,\n"
-      "or the picture under light from the front; normals are the mesh's own.\n"
-      "Lengths are mm in the scan's own coordinates (px where no size is known); a flat artwork lies around its "
-      "centre, "
-      "x right, y up.\n"
-      ".ply and .stl hold floats. Where these would lose detail because the scan lies far from its zero, positions "
-      "count "
-      "from an origin,\n"
-      "which the file's comment or header names and which is printed. .glb always does so: its node scales mm to "
-      "metres "
-      "and adds the\n"
-      "origin. Text formats keep the scan's coordinates.\n\n"
-      "Maps of flat artworks: a pixel is a cell of the level. height: mm, 32-bit float. depth: mm below the "
-      "relief's highest place.\n"
-      "A .png has both in 16 bits over the relief's range, which is printed: build takes it again as --relief-mm. "
-      "normal: (n + 1)/2 in\n"
-      "16 bits, in .exr float. albedo: sRGB, in .exr linear light. lit: the same under --light, as `relievo render` "
-      "shows it "
-      "from above.\n"
-      "The pixel's size is stated as the resolution.\n"
-      "Maps of scans: an atlas with a tile a patch, its heights along the base mesh's directions, normals of the "
-      "scan's axes, "
-      "or colours, at\n"
-      "the vertices that a mesh of the same level has. NAME.map.json and NAME.map.obj beside it say how the surface is "
-      "put "
-      "together\n"
-      "(tools/export/PATCH_MAPS.md).\n\n"
-      "Lines (--contours, --section, --plane) lie on the triangles of a mesh of that level, joined, and closed where "
-      "they "
-      "close. An .svg is in\n"
-      "mm, 1:1, with a bar; a .csv has a line for each point. A plane is drawn as seen from the side to which A,B,C "
-      "points.");
+  c->footer(kExportFooter);
   c->add_option("FILE", o->file, "Package to read, or a scene of it")->required();
   c->add_option("-o,--output", o->output, "Mesh or, with --map, image to write; its suffix says the format")
       ->required();
@@ -301,32 +323,7 @@ void addExportCommand(CLI::App& app, CommandContext& context) {
       ->check(CLI::IsMember({"up", "down"}))
       ->needs(map)
       ->capture_default_str();
-  auto* contours = c->add_option("--contours", o->contours,
-                                 "Of a flat artwork, lines of equal height, this many mm apart (px where no size is "
-                                 "known), as .svg or .csv")
-                       ->check(CLI::PositiveNumber)
-                       ->excludes(error)
-                       ->excludes(base)
-                       ->excludes(map);
-  const auto fourNumbers = [](const std::string& text) {
-    return numbersOf(text, 4) ? std::string() : "expected four numbers with commas between them, found " + text;
-  };
-  auto* section = c->add_option("--section", o->section,
-                                "X0,Y0,X1,Y1: of a flat artwork, its profile from one place to another, mm from its "
-                                "centre, as .svg or .csv")
-                      ->check(fourNumbers)
-                      ->excludes(error)
-                      ->excludes(base)
-                      ->excludes(map)
-                      ->excludes(contours);
-  c->add_option("--plane", o->plane,
-                "A,B,C,D: of a scan, where the plane A x + B y + C z = D (mm) cuts it, as .svg or .csv")
-      ->check(fourNumbers)
-      ->excludes(error)
-      ->excludes(base)
-      ->excludes(map)
-      ->excludes(contours)
-      ->excludes(section);
+  addLineOptions(*c, *o, {error, base, map});
   c->add_option("--light", o->light, "X,Y,Z towards the light of --map lit: right, up, to the viewer")
       ->check(threeNumbers)
       ->needs(map)

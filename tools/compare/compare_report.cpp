@@ -112,38 +112,88 @@ const std::vector<ReportColumn>& reportColumns() {
   return columns;
 }
 
-std::string reportJson(const ComparePlan& plan, const CompareFigures& all) {
+namespace {
+
+// What was compared, and how: all but the runs.
+Json headJson(const ComparePlan& plan, const CompareFigures& all) {
   const PatchDomain& d = plan.package->manifest().domain;
-  Json json = {{"tool_version", "relievo " RELIEVO_VERSION},
-               {"origin",
-                {{"command", plan.origin.command},
-                 {"date", plan.origin.date},
-                 {"cpu", plan.origin.cpu},
-                 {"package_xxh3_64", plan.origin.package_hash},
-                 {"source", plan.origin.source}}},
-               {"renderer", all.renderer},
-               {"gl_version", all.version},
-               {"artwork",
-                {{"file", std::filesystem::path(plan.package->path()).filename().string()},
-                 {"width_px", d.isFlat() ? Json(d.flat().width_px) : Json(nullptr)},
-                 {"height_px", d.isFlat() ? Json(d.flat().height_px) : Json(nullptr)},
-                 {"mm_per_px", d.mm_per_px},
-                 {"relief_pages", all.relief_pages},
-                 {"relief_bytes", all.relief_bytes},
-                 {"base_patches", d.isFlat() ? Json(nullptr) : Json(d.patchCount())}}},
-               {"view",
-                {{"path", plan.path},
-                 {"frames", all.frame_count},
-                 {"width_px", plan.width_px},
-                 {"height_px", plan.height_px},
-                 {"exaggerate", plan.exaggerate}}},
-               {"reference",
-                {{"full_resolution", all.reference_whole},
-                 {"triangles_at_most", all.reference_triangles},
-                 {"bound_px", rounded(all.reference_bound_px)},
-                 {"measuring_max_px", rounded(all.floor.max_px)},
-                 {"measuring_p99_px", rounded(all.floor.p99_px)},
-                 {"measuring_slack_px", rounded(measuringSlackPx(all))}}}};
+  return {{"tool_version", "relievo " RELIEVO_VERSION},
+          {"origin",
+           {{"command", plan.origin.command},
+            {"date", plan.origin.date},
+            {"cpu", plan.origin.cpu},
+            {"package_xxh3_64", plan.origin.package_hash},
+            {"source", plan.origin.source}}},
+          {"renderer", all.renderer},
+          {"gl_version", all.version},
+          {"artwork",
+           {{"file", std::filesystem::path(plan.package->path()).filename().string()},
+            {"width_px", d.isFlat() ? Json(d.flat().width_px) : Json(nullptr)},
+            {"height_px", d.isFlat() ? Json(d.flat().height_px) : Json(nullptr)},
+            {"mm_per_px", d.mm_per_px},
+            {"relief_pages", all.relief_pages},
+            {"relief_bytes", all.relief_bytes},
+            {"base_patches", d.isFlat() ? Json(nullptr) : Json(d.patchCount())}}},
+          {"view",
+           {{"path", plan.path},
+            {"frames", all.frame_count},
+            {"width_px", plan.width_px},
+            {"height_px", plan.height_px},
+            {"exaggerate", plan.exaggerate}}},
+          {"reference",
+           {{"full_resolution", all.reference_whole},
+            {"triangles_at_most", all.reference_triangles},
+            {"bound_px", rounded(all.reference_bound_px)},
+            {"measuring_max_px", rounded(all.floor.max_px)},
+            {"measuring_p99_px", rounded(all.floor.p99_px)},
+            {"measuring_slack_px", rounded(measuringSlackPx(all))}}}};
+}
+
+Json summaryJson(const RunSummary& s) {
+  const bool promised = s.predicted_px >= 0;
+  return {{"kept_px", rounded(s.budget_px)},
+          {"predicted_px", orNull(promised, s.predicted_px)},
+          {"max_px", rounded(s.max_px)},
+          {"p99_px", rounded(s.p99_px)},
+          {"rms_px", rounded(s.rms_px)},
+          {"edge_on_px", s.edge_on_pixels},
+          {"pop_px", rounded(s.pop_px)},
+          {"frames_above_the_promise", promised ? Json(s.above_bound_frames) : Json(nullptr)},
+          {"crack_px", s.crack_pixels},
+          {"silhouette_px", s.silhouette_pixels},
+          {"seam_vertices", s.seams_known ? Json(s.seams_compared) : Json(nullptr)},
+          {"seam_mismatches", s.seams_known ? Json(s.seams_mismatched) : Json(nullptr)},
+          {"triangles_median", rounded(s.triangles)},
+          {"triangles_max", s.max_triangles},
+          {"draw_calls_max", s.max_draw_calls},
+          {"resident_bytes_max", s.max_resident_bytes},
+          {"streamed_bytes", s.streamed_bytes}};
+}
+
+Json frameJson(const FrameFigures& f) {
+  return {{"kept_px", rounded(f.budget_px)},
+          {"predicted_px", orNull(f.predicted_px >= 0, f.predicted_px)},
+          {"max_px", rounded(f.error.max_px)},
+          {"p99_px", rounded(f.error.p99_px)},
+          {"rms_px", rounded(f.error.rms_px)},
+          {"pixels", f.error.pixels},
+          {"edge_on_px", f.edge_on_pixels},
+          {"pop_px", rounded(f.pop_px)},
+          {"crack_px", f.coverage.crack_pixels},
+          {"silhouette_px", f.coverage.silhouette_pixels},
+          {"seam_vertices", f.seams_known ? Json(f.seams.compared) : Json(nullptr)},
+          {"seam_mismatches", f.seams_known ? Json(f.seams.mismatched) : Json(nullptr)},
+          {"triangles", f.triangles},
+          {"draw_calls", f.draw_calls},
+          {"instances", f.instances},
+          {"resident_bytes", f.resident_bytes},
+          {"streamed_bytes", f.streamed_bytes}};
+}
+
+}  // namespace
+
+std::string reportJson(const ComparePlan& plan, const CompareFigures& all) {
+  Json json = headJson(plan, all);
   Json columns = Json::object();
   for (const ReportColumn& c : reportColumns()) columns[c.name] = {{"unit", c.unit}, {"meaning", c.meaning}};
   json["columns"] = columns;
@@ -160,44 +210,11 @@ std::string reportJson(const ComparePlan& plan, const CompareFigures& all) {
       runs.push_back(r);
       continue;
     }
-    RunSummary s = summaryOf(run, all);
-    bool promised = s.predicted_px >= 0;
-    r["summary"] = {{"kept_px", rounded(s.budget_px)},
-                    {"predicted_px", orNull(promised, s.predicted_px)},
-                    {"max_px", rounded(s.max_px)},
-                    {"p99_px", rounded(s.p99_px)},
-                    {"rms_px", rounded(s.rms_px)},
-                    {"edge_on_px", s.edge_on_pixels},
-                    {"pop_px", rounded(s.pop_px)},
-                    {"frames_above_the_promise", promised ? Json(s.above_bound_frames) : Json(nullptr)},
-                    {"crack_px", s.crack_pixels},
-                    {"silhouette_px", s.silhouette_pixels},
-                    {"seam_vertices", s.seams_known ? Json(s.seams_compared) : Json(nullptr)},
-                    {"seam_mismatches", s.seams_known ? Json(s.seams_mismatched) : Json(nullptr)},
-                    {"triangles_median", rounded(s.triangles)},
-                    {"triangles_max", s.max_triangles},
-                    {"draw_calls_max", s.max_draw_calls},
-                    {"resident_bytes_max", s.max_resident_bytes},
-                    {"streamed_bytes", s.streamed_bytes}};
+    const RunSummary s = summaryOf(run, all);
+    r["summary"] = summaryJson(s);
     Json frames = Json::array(), frame_timings = Json::array();
     for (const FrameFigures& f : run.frames) {
-      frames.push_back({{"kept_px", rounded(f.budget_px)},
-                        {"predicted_px", orNull(f.predicted_px >= 0, f.predicted_px)},
-                        {"max_px", rounded(f.error.max_px)},
-                        {"p99_px", rounded(f.error.p99_px)},
-                        {"rms_px", rounded(f.error.rms_px)},
-                        {"pixels", f.error.pixels},
-                        {"edge_on_px", f.edge_on_pixels},
-                        {"pop_px", rounded(f.pop_px)},
-                        {"crack_px", f.coverage.crack_pixels},
-                        {"silhouette_px", f.coverage.silhouette_pixels},
-                        {"seam_vertices", f.seams_known ? Json(f.seams.compared) : Json(nullptr)},
-                        {"seam_mismatches", f.seams_known ? Json(f.seams.mismatched) : Json(nullptr)},
-                        {"triangles", f.triangles},
-                        {"draw_calls", f.draw_calls},
-                        {"instances", f.instances},
-                        {"resident_bytes", f.resident_bytes},
-                        {"streamed_bytes", f.streamed_bytes}});
+      frames.push_back(frameJson(f));
       frame_timings.push_back({{"select_ms", timingJson(f.select_ms)}, {"frame_ms", timingJson(f.frame_ms)}});
     }
     r["frames"] = frames;

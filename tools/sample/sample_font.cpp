@@ -57,10 +57,37 @@ struct Pen {
            half(q));
     }
   }
+  // The spine of an S: thin at its ends, full in the middle.
+  void spine() {
+    const double top = 1 - kThin;
+    int n = std::max(12, steps);
+    auto at = [&](double t, double& sx, double& sy, double& r) {
+      double a = t < 0.5 ? 38 + (272 - 38) * (t / 0.5) : 92 - (92 + 142) * ((t - 0.5) / 0.5);
+      double upper_y = 0.742, ry1 = top - upper_y, ry2 = (upper_y - ry1 - kThin * 0.9) / 2,
+             lower_y = upper_y - ry1 - ry2;
+      if (t < 0.5)
+        sx = 0.275 + 0.185 * std::cos(a * std::numbers::pi / 180),
+        sy = upper_y + ry1 * std::sin(a * std::numbers::pi / 180);
+      else
+        sx = 0.275 + 0.215 * std::cos(a * std::numbers::pi / 180),
+        sy = lower_y + ry2 * std::sin(a * std::numbers::pi / 180);
+      double k = 1 - std::abs(2 * t - 1);
+      r = kThin * 0.92 +
+          (kThick * 1.05 - kThin * 0.92) * std::pow(std::sin(std::min(1.0, k * 1.15) * std::numbers::pi / 2), 1.4);
+    };
+    for (int i = 0; i < n; ++i) {
+      double x0, y0, r0, x1, y1, r1;
+      at(static_cast<double>(i) / n, x0, y0, r0);
+      at(static_cast<double>(i + 1) / n, x1, y1, r1);
+      line(x0, y0, x1, y1, r0, r1);
+    }
+  }
 };
 
 }  // namespace
 
+// Long because it is a table: a case a letter.
+// NOLINTNEXTLINE(readability-function-size)
 double appendGlyph(char c, double x, int arc_steps, std::vector<Segment>& out) {
   Pen p{out, x, arc_steps};
   const double top = 1 - kThin, low = kThin;
@@ -158,33 +185,11 @@ double appendGlyph(char c, double x, int arc_steps, std::vector<Segment>& out) {
       p.thin(0.28, 0.745 - (top - 0.745), 0.10, 0.745 - (top - 0.745));
       p.stroke(0.30, 0.52, 0.68, 0, kThick, false, true, 0, 0.09);
       return 0.73;
-    case 'S': {
-      // One spine: thin at its ends, full in the middle.
-      int n = std::max(12, arc_steps);
-      auto at = [&](double t, double& sx, double& sy, double& r) {
-        double a = t < 0.5 ? 38 + (272 - 38) * (t / 0.5) : 92 - (92 + 142) * ((t - 0.5) / 0.5);
-        double upper_y = 0.742, ry1 = top - upper_y, ry2 = (upper_y - ry1 - kThin * 0.9) / 2,
-               lower_y = upper_y - ry1 - ry2;
-        if (t < 0.5)
-          sx = 0.275 + 0.185 * std::cos(a * std::numbers::pi / 180),
-          sy = upper_y + ry1 * std::sin(a * std::numbers::pi / 180);
-        else
-          sx = 0.275 + 0.215 * std::cos(a * std::numbers::pi / 180),
-          sy = lower_y + ry2 * std::sin(a * std::numbers::pi / 180);
-        double k = 1 - std::abs(2 * t - 1);
-        r = kThin * 0.92 +
-            (kThick * 1.05 - kThin * 0.92) * std::pow(std::sin(std::min(1.0, k * 1.15) * std::numbers::pi / 2), 1.4);
-      };
-      for (int i = 0; i < n; ++i) {
-        double x0, y0, r0, x1, y1, r1;
-        at(static_cast<double>(i) / n, x0, y0, r0);
-        at(static_cast<double>(i + 1) / n, x1, y1, r1);
-        p.line(x0, y0, x1, y1, r0, r1);
-      }
+    case 'S':
+      p.spine();
       p.line(0.418, 0.885, 0.425, 0.74, 0.032, 0.010);
       p.line(0.105, 0.12, 0.092, 0.29, 0.034, 0.010);
       return 0.55;
-    }
     case 'T':
       p.stroke(0.36, 0, 0.36, 0.97, kThick, true, false);
       p.thin(0.04, top, 0.68, top);
