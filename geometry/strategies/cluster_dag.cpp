@@ -4,6 +4,7 @@
 #include <cmath>
 #include <numeric>
 
+#include "geometry/strategies/encoded_parts.h"
 #include "geometry/strategies/surface_simplify.h"
 #include "src/base/parallel_for.h"
 
@@ -145,10 +146,21 @@ class DagBuilder {
     for (const Cluster& c : dag_.clusters)
       if (c.producer != Cluster::kNone && c.consumer == Cluster::kNone) at_top[c.producer] = 1;
     for (size_t g = 0; g < at_top.size(); ++g) dag_.groups[g].consumers += at_top[g];
+    encodeGroups();
     return std::move(dag_);
   }
 
  private:
+  // A group's clusters are read together, as in Nexus and Nanite; so are those of which there is nothing coarser.
+  void encodeGroups() {
+    std::vector<std::vector<IndexRange>> parts(dag_.groups.size() + 1);
+    for (size_t g = 0; g < dag_.groups.size(); ++g)
+      for (const uint32_t c : dag_.groups[g].inputs) parts[g].push_back(dag_.clusters[c].range);
+    for (const Cluster& c : dag_.clusters)
+      if (c.consumer == Cluster::kNone) parts.back().push_back(c.range);
+    encodeParts(*dag_.mesh, std::move(parts), workers_);
+  }
+
   // Of the level that is grouped next.
   struct Open {
     uint32_t cluster = 0;

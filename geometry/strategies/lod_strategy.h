@@ -90,6 +90,10 @@ struct StrategyVertex {
   uint32_t instance = 0;   // index into StrategyResult::instances
 };
 
+struct IndexRange {
+  uint32_t first = 0, count = 0;  // of StrategyMesh::indices
+  friend bool operator==(const IndexRange&, const IndexRange&) = default;
+};
 // Triangles that stay the same from view to view, so that the GPU keeps them: what is drawn for a view are some of
 // them. The three vertices of a triangle name the same instance.
 struct StrategyMesh {
@@ -98,10 +102,18 @@ struct StrategyMesh {
   std::vector<uint32_t> indices;  // three a triangle
   static constexpr size_t kGpuVertexBytes = 28;
   uint64_t gpuBytes() const { return kGpuVertexBytes * vertices.size() + sizeof(uint32_t) * indices.size(); }
-};
-struct IndexRange {
-  uint32_t first = 0, count = 0;  // of StrategyMesh::indices
-  friend bool operator==(const IndexRange&, const IndexRange&) = default;
+
+  // What is read at once, as encoded_parts.h encodes it.
+  struct Part {
+    uint32_t encoded_bytes = 0;
+    float decode_ms = 0;  // by one thread
+  };
+  struct PartRange {
+    IndexRange range;
+    uint32_t part = 0;
+  };
+  std::vector<Part> parts;
+  std::vector<PartRange> part_ranges;  // ascending
 };
 
 // Vertices of absolute level node.level + grid_level morph between these distances from the eye, mm.

@@ -16,6 +16,7 @@
 #include <cmath>
 #include <numeric>
 
+#include "geometry/strategies/encoded_parts.h"
 #include "geometry/strategies/strategy_bounds.h"
 #include "geometry/strategies/strategy_list.h"
 #include "geometry/strategies/surface_simplify.h"
@@ -72,6 +73,9 @@ DiscreteLevel discreteLevel(const FineSurface& surface, const std::vector<uint32
     level.pieces.push_back({{static_cast<uint32_t>(first), static_cast<uint32_t>(count)},
                             surface.box(std::span(ordered).subspan(first, count), exaggerate, level.error_mm)});
   }
+  std::vector<std::vector<IndexRange>> parts;
+  for (const DiscretePiece& piece : level.pieces) parts.push_back({piece.range});
+  encodeParts(*level.mesh, std::move(parts), 0);
   return level;
 }
 

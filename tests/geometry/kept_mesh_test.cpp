@@ -13,6 +13,7 @@
 #endif
 
 #include "geometry/strategies/cluster_dag.h"
+#include "geometry/strategies/encoded_parts.h"
 #include "geometry/strategies/surface_simplify.h"
 #include "tests/geometry/lod_fixture.h"
 #include "tests/geometry/mesh_fixture.h"
@@ -176,6 +177,71 @@ TEST(KeptMesh, SimplifiedSurfacesAreClosedAndAsExactAsTheySay) {
       }
       std::printf("[ figures  ] %s: %zu triangles, off by %.4g mm, at places of a grid %.4g mm\n", c.name,
                   triangles.size() / 3, exact, sampled);
+    }
+  }
+}
+
+// Triangles by their vertices, the least first.
+using PartTriangle = std::array<PartVertex, 3>;
+PartTriangle triangleOf(PartTriangle t) {
+  std::rotate(t.begin(), std::min_element(t.begin(), t.end()), t.end());
+  return t;
+}
+std::vector<PartTriangle> trianglesOf(const DecodedPart& part) {
+  std::vector<PartTriangle> out;
+  for (size_t k = 0; k < part.indices.size(); k += 3)
+    out.push_back(triangleOf(
+        {part.vertices[part.indices[k]], part.vertices[part.indices[k + 1]], part.vertices[part.indices[k + 2]]}));
+  std::sort(out.begin(), out.end());
+  return out;
+}
+std::vector<PartTriangle> trianglesOf(const StrategyMesh& mesh, std::span<const IndexRange> ranges) {
+  auto at = [&](uint32_t k) {
+    const StrategyVertex& v = mesh.vertices[mesh.indices[k]];
+    return PartVertex{mesh.instances[v.instance].node.patch, v.x, v.y, static_cast<uint16_t>(v.height_steps)};
+  };
+  std::vector<PartTriangle> out;
+  for (const IndexRange& r : ranges)
+    for (uint32_t k = r.first; k < r.first + r.count; k += 3) out.push_back(triangleOf({at(k), at(k + 1), at(k + 2)}));
+  std::sort(out.begin(), out.end());
+  return out;
+}
+
+TEST(KeptMesh, PartsKeepEveryTriangle) {
+  for (const StrategyScene& scene : {flatScene(128, 128, hills), bodyScene(1, 11)}) {
+    const ClusterDag dag = clusterDag(FineSurface(scene, 1, 20'000), 1, 8, 2);
+    const StrategyMesh& mesh = *dag.mesh;
+    ASSERT_EQ(mesh.parts.size(), dag.groups.size() + 1);
+    std::vector<std::vector<IndexRange>> ranges(mesh.parts.size());
+    uint64_t bytes = 0, indices = 0;
+    for (const auto& [range, part] : mesh.part_ranges) ranges[part].push_back(range), indices += range.count;
+    EXPECT_EQ(indices, mesh.indices.size()) << "every triangle is in one part";
+    for (size_t p = 0; p < ranges.size(); ++p) {
+      const EncodedPart encoded = encodePart(mesh, ranges[p]);
+      EXPECT_EQ(mesh.parts[p].encoded_bytes, encoded.vertices.size() + encoded.indices.size());
+      bytes += mesh.parts[p].encoded_bytes;
+      const auto decoded = decodePart(encoded);
+      ASSERT_TRUE(decoded);
+      EXPECT_EQ(trianglesOf(*decoded), trianglesOf(mesh, ranges[p]));
+      EncodedPart damaged = encoded;
+      damaged.vertices[damaged.vertices.size() / 2] ^= 16;
+      const auto other = decodePart(damaged);
+      EXPECT_TRUE(!other || trianglesOf(*other) != trianglesOf(mesh, ranges[p])) << "the control";
+    }
+    const double bits = 8.0 * static_cast<double>(bytes) / (static_cast<double>(indices) / 3);
+    EXPECT_LT(bits, 64) << "bits a triangle, of places of 32 + 32 + 16 bits and three indices";
+    // Parts of what a view draws, by brute force.
+    Random random(5);
+    for (int k = 0; k < 50; ++k) {
+      std::vector<IndexRange> drawn;
+      for (auto c = static_cast<size_t>(random.integer(0, 7)); c < dag.clusters.size();
+           c += static_cast<size_t>(random.integer(1, 40)))
+        drawn.push_back(dag.clusters[c].range);
+      std::set<uint32_t> wanted;
+      for (const auto& [range, part] : mesh.part_ranges)
+        for (const IndexRange& d : drawn)
+          if (range.first < d.first + d.count && d.first < range.first + range.count) wanted.insert(part);
+      EXPECT_EQ(partsOf(mesh, drawn), std::vector<uint32_t>(wanted.begin(), wanted.end()));
     }
   }
 }

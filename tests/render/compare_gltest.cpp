@@ -176,16 +176,22 @@ void Compare::expectGood(const CompareFigures& all, size_t frames_wanted, bool c
   EXPECT_LT(all.floor.max_px, 0.1) << "full resolution measured like a strategy";
   EXPECT_LT(all.floor.p99_px, 0.01);
   uint64_t frames = 0;
+  double cold = 0, streamed = 0;
   bool a_third_is_no_bound = false;
   for (const StrategyFigures& run : all.runs) {
     if (!run.available) continue;
     ASSERT_EQ(run.frames.size(), frames_wanted);
     RunSummary s = summaryOf(run, all);
+    EXPECT_EQ(run.frames[0].streamed_bytes, run.frames[0].cold_bytes) << run.strategy->name << ": nothing came before";
     EXPECT_EQ(s.above_bound_frames, 0u) << run.strategy->name << " at " << run.budget_px << " px: max " << s.max_px
                                         << ", predicted " << s.predicted_px;
     for (const FrameFigures& f : run.frames) {
       EXPECT_GT(f.error.pixels, 1000u);
       EXPECT_GT(f.triangles, 0u);
+      EXPECT_GT(f.cold_bytes, 0u) << run.strategy->name;
+      EXPECT_LE(f.streamed_bytes, f.cold_bytes) << run.strategy->name;
+      cold += static_cast<double>(f.cold_bytes);
+      streamed += static_cast<double>(f.streamed_bytes);
       if (f.predicted_px < 0) continue;
       ++frames;
       EXPECT_LE(f.error.max_px, f.predicted_px + measuringSlackPx(all)) << run.strategy->name;
@@ -206,6 +212,7 @@ void Compare::expectGood(const CompareFigures& all, size_t frames_wanted, bool c
     EXPECT_GT(s.seams_compared, 50u) << run.strategy->name;
     EXPECT_EQ(s.seams_mismatched, 0u) << run.strategy->name;
   }
+  EXPECT_LT(streamed, 0.9 * cold) << "most of what a frame draws from, the frame before had, too";
   EXPECT_GE(frames, 8 * frames_wanted);
   EXPECT_TRUE(a_third_is_no_bound);
   // The controls: the same patches as edge-lod's, which shows none of it.

@@ -240,6 +240,17 @@ TEST(CompareRows, CostsAtEqualErrorAreInterpolated) {
             std::string::npos)
       << text;
   EXPECT_NE(text.find("Not reached with these budgets by: The c"), std::string::npos) << text;
+  // From an empty cache: bytes in proportion to a power of the error, too. At 20 MB/s a's take 100 ms, b's decoding 30.
+  for (CompareRow& r : rows) r.cold = {r.strategy == "a" ? 4e6 / r.budget_px : 1e5, r.strategy == "a" ? 1.0 : 30.0};
+  const EqualError cold = equalError(rows, 1);
+  EXPECT_NEAR(cold.costs[0].cold.bytes, 2e6, 1);
+  EXPECT_NEAR(cold.costs[0].cold.ms(20), 100, 1e-4);
+  EXPECT_NEAR(cold.costs[1].cold.ms(20), 30, 1e-4);
+  EXPECT_NE(
+      conclusionText(cold).find("over a link of 20 MB/s, The b is there first, after 30 ms; The a takes 3.33 times"),
+      std::string::npos)
+      << conclusionText(cold);
+  EXPECT_EQ(text.find("empty cache"), std::string::npos) << "without figures nothing is said";
   // The control: at an error that none reaches nothing is concluded.
   EXPECT_TRUE(equalError(rows, 100).costs.empty());
   EXPECT_NE(conclusionText(equalError(rows, 100)).find("No error is reached"), std::string::npos);
@@ -284,6 +295,15 @@ TEST(CompareMerge, ReadsReportsAndRefusesOthers) {
   EXPECT_EQ(part->artwork, "stone.relievo");
   EXPECT_EQ(part->origin.package_hash, "12");
   EXPECT_EQ(part->rows[0].totalMs(), 4);
+  EXPECT_EQ(part->rows[0].cold.bytes, 0) << "of a report that does not say";
+  std::string with_cold = good;
+  with_cold.replace(with_cold.find("\"streamed_bytes\""), 0, "\"cold_bytes_median\": 5000, ");
+  EXPECT_FALSE(parseComparison(with_cold, "r.json").ok()) << "decoding is missing";
+  with_cold.replace(with_cold.find("\"select_ms\""), 0, "\"cold_decode_ms\": 0.125, ");
+  auto cold = parseComparison(with_cold, "r.json");
+  ASSERT_TRUE(cold.ok()) << cold.error().text();
+  EXPECT_EQ(cold->rows[0].cold.bytes, 5000);
+  EXPECT_EQ(cold->rows[0].cold.decode_ms, 0.125);
   EXPECT_EQ(part->rows[0].predicted_px, -1);
   EXPECT_FALSE(part->rows[0].seams_known);
   EXPECT_FALSE(part->rows[1].available);

@@ -158,9 +158,12 @@ std::string reportHtml(const ComparePlan& plan, const CompareFigures& all, const
   const EqualError equal = equalError(rows);
   out += "<h2>At equal error</h2>\n<p>" + escapedHtml(conclusionText(equal)) + "</p>\n";
   if (!equal.costs.empty())
-    out += equalErrorTableHtml(equal) +
-           "<p><small>Interpolated between each strategy's budgets. Times: medians over the frames, with the fastest "
-           "and the slowest frame.</small></p>\n";
+    out +=
+        equalErrorTableHtml(equal) +
+        "<p><small>Interpolated between each strategy's budgets. Times: medians over the frames, with the fastest "
+        "and the slowest frame. Cold: from an empty cache, all that a frame draws from, encoded (relief pages as the "
+        "package holds them; parts of simplified meshes by meshoptimizer's codecs and zstd), and how long it takes to "
+        "read at that rate or, beside it, to decode by one thread, whichever is longer.</small></p>\n";
   out += "<h2>What accuracy costs</h2>\n" + compareLegend(rows) + "<div class='panels'>\n";
   for (const ComparePlot& p : costPlots(rows)) out += plotSvg(p.plot);
   out +=

@@ -80,10 +80,13 @@ CompareRow rowFrom(const MergedJson& run, const MergedJson& timings, NumberReade
   r.draw_calls = static_cast<uint32_t>(std::min(numbers.at(summary, "draw_calls_max"), 4e9));
   r.resident_bytes = numbers.count(summary, "resident_bytes_max");
   r.streamed_bytes = numbers.count(summary, "streamed_bytes");
+  const bool cold = memberAt(*summary, "cold_bytes_median") != nullptr;  // older reports have none
+  if (cold) r.cold.bytes = numbers.at(summary, "cold_bytes_median");
   for (const MergedJson& t : timings)
     if (textAt(t, "strategy") == r.strategy && memberAt(t, "error_px") && *memberAt(t, "error_px") == run["error_px"]) {
       r.select_ms = numbers.timing(&t, "select_ms");
       r.frame_ms = numbers.timing(&t, "frame_ms");
+      if (cold) r.cold.decode_ms = numbers.at(&t, "cold_decode_ms");
       return r;
     }
   numbers.missing = "timings";

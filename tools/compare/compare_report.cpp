@@ -38,7 +38,7 @@ double measuringSlackPx(const CompareFigures& all) { return std::max(1.0 / 64, 2
 
 RunSummary summaryOf(const StrategyFigures& run, const CompareFigures& all) {
   RunSummary s;
-  std::vector<double> triangles, select_ms, frame_ms;
+  std::vector<double> triangles, cold_bytes, cold_decode_ms, select_ms, frame_ms;
   double squares = 0, pixels = 0;
   for (const FrameFigures& f : run.frames) {
     s.max_px = std::max(s.max_px, f.error.max_px);
@@ -61,6 +61,8 @@ RunSummary summaryOf(const StrategyFigures& run, const CompareFigures& all) {
     s.max_resident_bytes = std::max(s.max_resident_bytes, f.resident_bytes);
     s.max_draw_calls = std::max(s.max_draw_calls, f.draw_calls);
     triangles.push_back(static_cast<double>(f.triangles));
+    cold_bytes.push_back(static_cast<double>(f.cold_bytes));
+    cold_decode_ms.push_back(f.cold_decode_ms);
     select_ms.push_back(f.select_ms.median);
     frame_ms.push_back(f.frame_ms.median);
   }
@@ -71,6 +73,7 @@ RunSummary summaryOf(const StrategyFigures& run, const CompareFigures& all) {
   };
   s.rms_px = pixels > 0 ? std::sqrt(squares / pixels) : 0;
   s.triangles = timing(triangles).median;
+  s.cold = {timing(cold_bytes).median, timing(cold_decode_ms).median};
   s.select_ms = timing(select_ms);
   s.frame_ms = timing(frame_ms);
   return s;
@@ -102,7 +105,9 @@ const std::vector<ReportColumn>& reportColumns() {
       {"instances", "", "grids drawn"},
       {"resident_bytes", "B",
        "of the relief pages displaced from, in the page cache; or of the mesh that the GPU keeps instead, all of it"},
-      {"streamed_bytes", "B", "of those that the frame before did not need, as the package holds them"},
+      {"streamed_bytes", "B", "of what the frame before did not draw from: relief pages or parts of a mesh, encoded"},
+      {"cold_bytes", "B", "of all that is drawn from, encoded: what an empty cache has to read"},
+      {"cold_decode_ms", "ms", "decoding that, one thread"},
       {"select_ms", "ms", "CPU time of the choice, wall clock: median of the repeats"},
       {"select_ms_fastest", "ms", "fastest repeat"},
       {"select_ms_slowest", "ms", "slowest repeat"},
@@ -167,7 +172,8 @@ Json summaryJson(const RunSummary& s) {
           {"triangles_max", s.max_triangles},
           {"draw_calls_max", s.max_draw_calls},
           {"resident_bytes_max", s.max_resident_bytes},
-          {"streamed_bytes", s.streamed_bytes}};
+          {"streamed_bytes", s.streamed_bytes},
+          {"cold_bytes_median", rounded(s.cold.bytes)}};
 }
 
 Json frameJson(const FrameFigures& f) {
@@ -187,7 +193,8 @@ Json frameJson(const FrameFigures& f) {
           {"draw_calls", f.draw_calls},
           {"instances", f.instances},
           {"resident_bytes", f.resident_bytes},
-          {"streamed_bytes", f.streamed_bytes}};
+          {"streamed_bytes", f.streamed_bytes},
+          {"cold_bytes", f.cold_bytes}};
 }
 
 }  // namespace
@@ -215,7 +222,9 @@ std::string reportJson(const ComparePlan& plan, const CompareFigures& all) {
     Json frames = Json::array(), frame_timings = Json::array();
     for (const FrameFigures& f : run.frames) {
       frames.push_back(frameJson(f));
-      frame_timings.push_back({{"select_ms", timingJson(f.select_ms)}, {"frame_ms", timingJson(f.frame_ms)}});
+      frame_timings.push_back({{"select_ms", timingJson(f.select_ms)},
+                               {"frame_ms", timingJson(f.frame_ms)},
+                               {"cold_decode_ms", rounded(f.cold_decode_ms)}});
     }
     r["frames"] = frames;
     runs.push_back(r);
@@ -223,14 +232,19 @@ std::string reportJson(const ComparePlan& plan, const CompareFigures& all) {
                        {"error_px", run.budget_px},
                        {"select_ms", timingJson(s.select_ms)},
                        {"frame_ms", timingJson(s.frame_ms)},
+                       {"cold_decode_ms", rounded(s.cold.decode_ms)},
                        {"frames", frame_timings}});
   }
   json["runs"] = runs;
   const EqualError equal = equalError(compareRows(all));
   Json at_equal = Json::array(), ms_at_equal = Json::array();
   for (const EqualErrorCost& c : equal.costs) {
-    at_equal.push_back({{"strategy", c.strategy}, {"triangles", rounded(c.triangles)}});
-    ms_at_equal.push_back({{"strategy", c.strategy}, {"ms", timingJson({c.ms, c.ms_low, c.ms_high})}});
+    at_equal.push_back(
+        {{"strategy", c.strategy}, {"triangles", rounded(c.triangles)}, {"cold_bytes", rounded(c.cold.bytes)}});
+    Json cold_ms = Json::object();
+    for (const int rate : kLinkRates) cold_ms[std::to_string(rate) + " MB/s"] = rounded(c.cold.ms(rate));
+    ms_at_equal.push_back(
+        {{"strategy", c.strategy}, {"ms", timingJson({c.ms, c.ms_low, c.ms_high})}, {"cold_ms", cold_ms}});
   }
   json["equal_error"] = {{"p99_px", equal.error_px}, {"strategies", at_equal}};
   json["timings"] = {{"repeats", plan.repeats},
@@ -261,9 +275,10 @@ std::string reportCsv(const CompareFigures& all) {
       count(f.coverage.silhouette_pixels);
       cell(f.seams_known, static_cast<double>(f.seams.compared));
       cell(f.seams_known, static_cast<double>(f.seams.mismatched));
-      for (uint64_t v :
-           {f.triangles, uint64_t{f.draw_calls}, uint64_t{f.instances}, f.resident_bytes, f.streamed_bytes})
+      for (uint64_t v : {f.triangles, uint64_t{f.draw_calls}, uint64_t{f.instances}, f.resident_bytes, f.streamed_bytes,
+                         f.cold_bytes})
         count(v);
+      cell(true, f.cold_decode_ms);
       for (const Timing* t : {&f.select_ms, &f.frame_ms})
         for (double v : {t->median, t->low, t->high}) cell(true, v);
       out += "\n";

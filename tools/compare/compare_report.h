@@ -23,6 +23,7 @@ struct RunSummary {
   double triangles = 0;  // median over the frames
   uint64_t max_triangles = 0, max_resident_bytes = 0;
   uint32_t max_draw_calls = 0;
+  ColdStart cold;              // medians over the frames
   Timing select_ms, frame_ms;  // of the frames' medians: median, fastest, slowest
 };
 RunSummary summaryOf(const StrategyFigures& run, const CompareFigures& all);

@@ -48,6 +48,7 @@ std::vector<CompareRow> compareRows(const CompareFigures& all) {
       r.draw_calls = s.max_draw_calls;
       r.resident_bytes = s.max_resident_bytes;
       r.streamed_bytes = s.streamed_bytes;
+      r.cold = s.cold;
       r.select_ms = s.select_ms;
       r.frame_ms = s.frame_ms;
     }
@@ -90,10 +91,14 @@ EqualError equalError(const std::vector<CompareRow>& rows, double error_px) {
     }
     const CompareRow &b = **above, &a = above == of.begin() ? b : **(above - 1);
     auto at = [&](auto value) { return between(error_px, errorOf(&a), errorOf(&b), value(a), value(b)); };
-    out.costs.push_back({name, b.title, at([](const CompareRow& r) { return r.triangles; }),
+    out.costs.push_back({name,
+                         b.title,
+                         at([](const CompareRow& r) { return r.triangles; }),
                          at([](const CompareRow& r) { return r.totalMs(); }),
                          at([](const CompareRow& r) { return r.select_ms.low + r.frame_ms.low; }),
-                         at([](const CompareRow& r) { return r.select_ms.high + r.frame_ms.high; })});
+                         at([](const CompareRow& r) { return r.select_ms.high + r.frame_ms.high; }),
+                         {at([](const CompareRow& r) { return r.cold.bytes; }),
+                          at([](const CompareRow& r) { return r.cold.decode_ms; })}});
   }
   return out;
 }
@@ -129,6 +134,15 @@ std::string conclusionText(const EqualError& equal) {
   // Frames differ among one another; what every frame agrees on is a lead.
   if (quick[1]->ms_low > quick[0]->ms_high) out += ", in all frames. ";
   else appendf(out, ", which is within the frames' spread (%.2f to %.2f ms). ", quick[0]->ms_low, quick[0]->ms_high);
+  constexpr int kRate = kLinkRates[1];
+  const auto first = ranked([](auto& a, auto& b) { return a.cold.ms(kRate) < b.cold.ms(kRate); });
+  // Reports of before cold starts were counted have none.
+  if (first[0]->cold.bytes >= 1)
+    appendf(
+        out,
+        "From an empty cache, over a link of %d MB/s, %s is there first, after %.3g ms; %s takes %.2f times as long. ",
+        kRate, first[0]->title.c_str(), first[0]->cold.ms(kRate), first[1]->title.c_str(),
+        first[1]->cold.ms(kRate) / first[0]->cold.ms(kRate));
   if (!equal.left_out.empty()) {
     out += "Not reached with these budgets by: ";
     for (size_t k = 0; k < equal.left_out.size(); ++k) out += (k ? "; " : "") + equal.left_out[k];

@@ -20,6 +20,7 @@ struct CompareRow {
   double triangles = 0;  // median over the frames
   uint32_t draw_calls = 0;
   uint64_t resident_bytes = 0, streamed_bytes = 0;
+  ColdStart cold;              // medians over the frames; no bytes: the report does not say
   Timing select_ms, frame_ms;  // medians over the frames; of the frames' medians the least and the largest
   double totalMs() const { return select_ms.median + frame_ms.median; }
 };
@@ -36,6 +37,7 @@ struct EqualErrorCost {
   std::string strategy, title;
   double triangles = 0, ms = 0;
   double ms_low = 0, ms_high = 0;  // by the fastest and the slowest frames
+  ColdStart cold;
 };
 struct EqualError {
   double error_px = 0;
@@ -45,7 +47,8 @@ struct EqualError {
 EqualError equalError(const std::vector<CompareRow>& rows, double error_px);
 // At the error, of 1/16, 1/8, ... 8 px, that most strategies reach; of those the one nearest to 1 px.
 EqualError equalError(const std::vector<CompareRow>& rows);
-// In sentences: who draws least and who is quickest, and by how much; a lead in time within the frames' spread is none.
+// In sentences: who draws least, who is quickest and who is there first from an empty cache, and by how much; a lead in
+// time within the frames' spread is none.
 std::string conclusionText(const EqualError& equal);
 
 }  // namespace relievo

@@ -6,6 +6,7 @@
 #include <limits>
 #include <unordered_set>
 
+#include "geometry/strategies/encoded_parts.h"
 #include "geometry/strategies/strategy_bounds.h"
 #include "src/engine/lod_views.h"
 #include "texturing/codec/page_codec.h"
@@ -89,8 +90,39 @@ class Runner {
  private:
   struct Running {
     std::unique_ptr<LodStrategy> strategy;
-    std::unordered_set<NodeId> pages;  // that the frame before needed
+    // What the frame before drew from: pages, or parts of a mesh.
+    std::unordered_set<NodeId> pages;
+    std::shared_ptr<const StrategyMesh> mesh;
+    std::vector<uint32_t> parts;
   };
+
+  // What the choice draws from, encoded, and what of it the frame before did not.
+  void countBytes(const StrategyResult& chosen, Running& running, FrameFigures& f) const {
+    auto count = [&](uint32_t bytes, float decode_ms, bool known) {
+      f.cold_bytes += bytes;
+      f.cold_decode_ms += decode_ms;
+      if (!known) f.streamed_bytes += bytes;
+    };
+    if (chosen.mesh) {
+      f.resident_bytes = chosen.mesh->gpuBytes();
+      std::vector<uint32_t> parts = partsOf(*chosen.mesh, chosen.ranges);
+      const bool same_mesh = chosen.mesh == running.mesh;
+      for (const uint32_t p : parts)
+        count(chosen.mesh->parts[p].encoded_bytes, chosen.mesh->parts[p].decode_ms,
+              same_mesh && std::binary_search(running.parts.begin(), running.parts.end(), p));
+      running.mesh = chosen.mesh;
+      running.parts = std::move(parts);
+      return;
+    }
+    std::unordered_set<NodeId> pages;
+    for (const PatchInstance& p : chosen.instances) pages.insert(p.relief_page);
+    f.resident_bytes = pages.size() * partBytes(kReliefPartLevel);
+    for (const NodeId& page : pages) {
+      const CompareScene::Encoded& encoded = scene_.encoded.at(page);
+      count(encoded.bytes, encoded.decode_ms, running.pages.count(page) > 0);
+    }
+    running.pages = std::move(pages);
+  }
 
   static std::unique_ptr<CompareSurface> surfaceOf(const StrategyScene& scene, double exaggerate) {
     if (scene.domain.isFlat()) return std::make_unique<PlanarSurface>(*scene.field, exaggerate);
@@ -200,13 +232,7 @@ class Runner {
                     : compareSeams(*scene.body->base, bounds_.unitLog2(), chosen.instances, *captured);
     }
 
-    std::unordered_set<NodeId> pages;
-    if (!chosen.mesh)
-      for (const PatchInstance& p : chosen.instances) pages.insert(p.relief_page);
-    f.resident_bytes = chosen.mesh ? chosen.mesh->gpuBytes() : pages.size() * partBytes(kReliefPartLevel);
-    for (const NodeId& page : pages)
-      if (!running.pages.count(page)) f.streamed_bytes += scene_.encoded_bytes.at(page);
-    running.pages = std::move(pages);
+    countBytes(chosen, running, f);
     if (shown) keepPicture(chosen, now, out);
     out.frames.push_back(f);
     return {};

@@ -43,6 +43,15 @@ struct Timing {
   double median = 0, low = 0, high = 0;  // ms; the fastest and the slowest of the repeats
 };
 
+// From an empty cache until all that a view draws from has come. What it takes to choose (errors, boxes) is not
+// counted.
+inline constexpr int kLinkRates[] = {5, 20, 100};  // MB/s
+struct ColdStart {
+  double bytes = 0, decode_ms = 0;
+  // Reading at that rate or, beside it, decoding by one thread: whichever takes longer.
+  double ms(double mb_per_s) const { return std::max(bytes / (1000 * mb_per_s), decode_ms); }
+};
+
 struct FrameFigures {
   ErrorFigures error;
   double budget_px = 0;         // that the strategy kept to: as asked for, or doubled where a node budget ran out
@@ -55,7 +64,10 @@ struct FrameFigures {
   uint64_t triangles = 0;
   uint32_t draw_calls = 0, instances = 0;
   uint64_t resident_bytes = 0;  // of the relief pages that the choice displaces from, in the page cache; or of its mesh
-  uint64_t streamed_bytes = 0;  // of those that the frame before did not need, as the package holds them
+  // As they are encoded, pages by the package or parts of a mesh: those that the choice draws from, which is what an
+  // empty cache has to read; and of them those that the frame before did not need.
+  uint64_t cold_bytes = 0, streamed_bytes = 0;
+  double cold_decode_ms = 0;  // decoding cold_bytes, by one thread
   Timing select_ms, frame_ms;
 };
 

@@ -1,6 +1,7 @@
 #include "tools/compare/compare_scene.h"
 
 #include <algorithm>
+#include <chrono>
 #include <vector>
 
 #include "texturing/codec/page_codec.h"
@@ -58,8 +59,10 @@ Result<CompareScene> loadCompareScene(std::shared_ptr<const Package> package, ui
                          "relievo verify names all damage",
                          {}};
           };
+          const auto start = std::chrono::steady_clock::now();
           if (auto done = decoder.decodeToSlot(Plane::kRelief, encoded->bytes, texels); !done)
             return undecoded(done.error());
+          const std::chrono::duration<float, std::milli> decoding = std::chrono::steady_clock::now() - start;
           (*pass)->upload(node, texels.data());
           if (static_cast<int>(level) == domain.relief_depth) {
             if (auto done = decoder.decodeRelief(encoded->bytes, samples); !done) return undecoded(done.error());
@@ -67,7 +70,7 @@ Result<CompareScene> loadCompareScene(std::shared_ptr<const Package> package, ui
             else field->setPage(node, samples);
           }
           resident->insert(node);
-          scene.encoded_bytes[node] = static_cast<uint32_t>(encoded->bytes.size());
+          scene.encoded[node] = {static_cast<uint32_t>(encoded->bytes.size()), decoding.count()};
           ++scene.pages;
         }
   scene.strategy = {domain, artworkFromPackage(package).oracle, resident, field,

@@ -14,7 +14,12 @@ namespace relievo {
 
 struct CompareScene {
   StrategyScene strategy;
-  std::unordered_map<NodeId, uint32_t> encoded_bytes;  // of each relief page, as the package holds it
+  // Of each relief page, as the package holds it.
+  struct Encoded {
+    uint32_t bytes = 0;
+    float decode_ms = 0;  // by one thread
+  };
+  std::unordered_map<NodeId, Encoded> encoded;
   uint64_t pages = 0;
 };
 

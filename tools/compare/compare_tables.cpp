@@ -72,25 +72,36 @@ std::string errorTableHtml(const std::vector<CompareRow>& rows) {
 
 std::string costTableHtml(const std::vector<CompareRow>& rows) {
   std::string out = openTable({"strategy", "budget<br>px", "triangles<br>median", "draw<br>calls", "select<br>ms",
-                               "frame<br>ms", "resident<br>MiB", "streamed<br>MiB"});
+                               "frame<br>ms", "resident<br>MiB", "streamed<br>MiB", "cold<br>MiB"});
   for (const CompareRow& r : rows) {
-    out += firstCells(r, 6);
+    out += firstCells(r, 7);
     if (!r.available) continue;
     appendf(out, "<td>%.0f</td><td>%u</td>", r.triangles, r.draw_calls);
     time(out, r.select_ms);
     time(out, r.frame_ms);
-    appendf(out, "<td>%.2f</td><td>%.2f</td></tr>\n", mib(r.resident_bytes), mib(r.streamed_bytes));
+    appendf(out, "<td>%.2f</td><td>%.2f</td>", mib(r.resident_bytes), mib(r.streamed_bytes));
+    if (r.cold.bytes >= 1) appendf(out, "<td>%.3f</td></tr>\n", r.cold.bytes / 1048576);
+    else out += "<td>not known</td></tr>\n";
   }
   return out + "</tbody></table></div>\n";
 }
 
 std::string equalErrorTableHtml(const EqualError& equal) {
-  std::string out = openTable({"strategy", "triangles", "times the<br>fewest", "select and frame<br>ms"});
+  std::string out = openTable({"strategy", "triangles", "times the<br>fewest", "select and frame<br>ms", "cold,<br>KiB",
+                               "cold at<br>5 MB/s, ms", "cold at<br>20 MB/s, ms", "cold at<br>100 MB/s, ms"});
   std::vector<EqualErrorCost> costs = equal.costs;
   std::stable_sort(costs.begin(), costs.end(), [](auto& a, auto& b) { return a.triangles < b.triangles; });
-  for (const EqualErrorCost& c : costs)
-    appendf(out, "<tr><td>%s</td><td>%.0f</td><td>%.2f</td><td>%.2f<small> %.2f to %.2f</small></td></tr>\n",
+  for (const EqualErrorCost& c : costs) {
+    appendf(out, "<tr><td>%s</td><td>%.0f</td><td>%.2f</td><td>%.2f<small> %.2f to %.2f</small></td>",
             escapedHtml(c.title).c_str(), c.triangles, c.triangles / costs[0].triangles, c.ms, c.ms_low, c.ms_high);
+    if (c.cold.bytes < 1) {
+      out += "<td colspan='4'>not known</td></tr>\n";
+      continue;
+    }
+    appendf(out, "<td>%.1f</td>", c.cold.bytes / 1024);
+    for (const int rate : kLinkRates) appendf(out, "<td>%.3g</td>", c.cold.ms(rate));
+    out += "</tr>\n";
+  }
   return out + "</tbody></table></div>\n";
 }
 
@@ -100,7 +111,7 @@ std::string rowsCsv(const std::vector<CompareRow>& rows, const std::string& artw
     out += artwork.empty() ? "" : "artwork,";
     out +=
         "strategy,error_px,predicted_px,max_px,p99_px,rms_px,pop_px,crack_px,seam_mismatches,triangles,draw_calls,"
-        "select_ms,frame_ms,resident_bytes,streamed_bytes\n";
+        "select_ms,frame_ms,resident_bytes,streamed_bytes,cold_bytes,cold_decode_ms\n";
   }
   for (const CompareRow& r : rows) {
     if (!r.available) continue;
@@ -110,8 +121,10 @@ std::string rowsCsv(const std::vector<CompareRow>& rows, const std::string& artw
     appendf(out, ",%.6g,%.6g,%.6g,%.6g,%llu,", r.max_px, r.p99_px, r.rms_px, r.pop_px,
             static_cast<unsigned long long>(r.crack_pixels));
     if (r.seams_known) appendf(out, "%llu", static_cast<unsigned long long>(r.seam_mismatches));
-    appendf(out, ",%.0f,%u,%.6g,%.6g,%llu,%llu\n", r.triangles, r.draw_calls, r.select_ms.median, r.frame_ms.median,
+    appendf(out, ",%.0f,%u,%.6g,%.6g,%llu,%llu,", r.triangles, r.draw_calls, r.select_ms.median, r.frame_ms.median,
             static_cast<unsigned long long>(r.resident_bytes), static_cast<unsigned long long>(r.streamed_bytes));
+    if (r.cold.bytes >= 1) appendf(out, "%.6g,%.6g\n", r.cold.bytes, r.cold.decode_ms);
+    else out += ",\n";
   }
   return out;
 }
