@@ -141,7 +141,7 @@ void addViewCommand(CLI::App& app, CommandContext& context) {
   c->add_option(
        "--frame-ms", o->viewer.frame_ms,
        "Hold a moving frame at about this time, ms, by giving up accuracy where that is cheapest: sampling, then "
-       "geometry; the first line says which. A still camera gets all of it back; 0 never gives up any")
+       "geometry, then resolution; the first line says which. A still camera gets all of it back; 0 never gives up any")
       ->check(CLI::Range(0.0, 10000.0))
       ->capture_default_str();
   c->add_flag("--print-view", o->viewer.print_view, "On leaving, print camera and light as JSON, for --state");

@@ -46,7 +46,8 @@ std::vector<uint8_t> PictureTarget::readPixels() const {
 void PictureTarget::present(int window_width_px, int window_height_px) const {
   glBindFramebuffer(GL_READ_FRAMEBUFFER, framebuffer_.id());
   glBindFramebuffer(GL_DRAW_FRAMEBUFFER, 0);
-  glBlitFramebuffer(0, 0, width_, height_, 0, 0, window_width_px, window_height_px, GL_COLOR_BUFFER_BIT, GL_NEAREST);
+  glBlitFramebuffer(0, 0, width_, height_, 0, 0, window_width_px, window_height_px, GL_COLOR_BUFFER_BIT,
+                    width_ == window_width_px && height_ == window_height_px ? GL_NEAREST : GL_LINEAR);
   glBindFramebuffer(GL_FRAMEBUFFER, 0);
 }
 

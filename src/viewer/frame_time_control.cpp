@@ -24,13 +24,27 @@ Scene FrameTimeControl::spend(const Scene& exact) const {
   if (pressure_ > kSamplingPressure) {
     // From an error of nothing, too, something can be given up.
     constexpr double kLeastErrorPx = 0.25;
-    scene.error_px = std::max(scene.error_px, kLeastErrorPx) * std::exp2(2 * (pressure_ - kSamplingPressure));
+    const double spent =
+        std::min(pressure_, kGeometryPressure) - kSamplingPressure + std::max(0.0, pressure_ - kResolutionPressure);
+    // In pixels of the picture that is drawn, which the window shows larger.
+    scene.error_px = std::max(scene.error_px, kLeastErrorPx) * std::exp2(2 * spent) * scale();
   }
   return scene;
 }
 
+// In sixteenths: a new size is new memory, so that small changes of the pressure leave it alone.
+double FrameTimeControl::scale() const {
+  const double halvings = std::clamp(pressure_ - kGeometryPressure, 0.0, kResolutionPressure - kGeometryPressure);
+  return std::ceil(16 * std::exp2(-0.5 * halvings)) / 16;
+}
+
+std::array<int, 2> FrameTimeControl::size(int width_px, int height_px) const {
+  const auto scaled = [&](int px) { return std::max(1, static_cast<int>(std::lround(px * scale()))); };
+  return {scaled(width_px), scaled(height_px)};
+}
+
 const char* FrameTimeControl::givenUp() const {
-  return pressure_ > kSamplingPressure ? "geometry" : pressure_ > 0 ? "sampling" : "";
+  return scale() < 1 ? "resolution" : pressure_ > kSamplingPressure ? "geometry" : pressure_ > 0 ? "sampling" : "";
 }
 
 }  // namespace relievo

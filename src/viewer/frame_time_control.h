@@ -3,13 +3,16 @@
 //
 // What is given up is one number, the pressure. In the order in which the settings cost the least accuracy for the time
 // that they save (relievo accuracy, of the sample artworks): up to kSamplingPressure textures are sampled bilinearly;
-// beyond that each whole number allows four times the geometric error.
+// up to kGeometryPressure the geometric error grows to four times; up to kResolutionPressure the picture loses half of
+// its width and height, which is what helps where pixels take the time, as in software; then the error grows again.
 //
 // Control is proportional, in logarithms: a frame that takes twice too long raises the pressure by kGain. A change
 // shows only after its patch list has come, a frame or two later: frames until then are not judged. Between kLow of the
 // target and the target nothing changes, so that noise does not make it tremble. Where one unit of pressure saves a
-// factor of 1 to 2.2 in time, a step of load by 4 is settled within ten frames.
+// factor of 1 to 2.2 in time, a step of load by 4 is settled within ten frames: so a unit halves the pixels.
 #pragma once
+
+#include <array>
 
 #include "src/engine/effect_plan.h"
 
@@ -19,7 +22,8 @@ class FrameTimeControl {
  public:
   static constexpr double kGain = 0.9;
   static constexpr double kLow = 0.7, kAim = 0.85;  // of the target
-  static constexpr double kSamplingPressure = 0.25, kMostPressure = 3;
+  static constexpr double kSamplingPressure = 0.25, kGeometryPressure = 1.25, kResolutionPressure = 3.25,
+                          kMostPressure = 4.25;
   static constexpr int kFramesUnjudged = 1;  // after a change
 
   explicit FrameTimeControl(double target_ms) : target_ms_(target_ms) {}
@@ -28,10 +32,14 @@ class FrameTimeControl {
   double pressure() const { return pressure_; }
   // What to draw while the camera moves, of what is wanted while it stands still.
   Scene spend(const Scene& exact) const;
-  // In one word: "" (nothing), "sampling" or "geometry".
+  // And at what size, of a window's.
+  std::array<int, 2> size(int width_px, int height_px) const;
+  // In one word: "" (nothing), "sampling", "geometry" or "resolution".
   const char* givenUp() const;
 
  private:
+  double scale() const;
+
   double target_ms_;
   double pressure_ = 0;
   int unjudged_ = 0;

@@ -53,6 +53,7 @@ class ViewControl {
   bool draggingLight() const { return mode_ == Mode::kLight; }
   bool occlusion = false, wireframe = false, show_pages = false, help = false, figures = false;
   bool quit = false;
+  bool wantsSnapshot() const { return snapshot_requested_; }
   bool takeSnapshotRequest() { return std::exchange(snapshot_requested_, false); }
 
  private:

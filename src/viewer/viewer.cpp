@@ -123,6 +123,7 @@ class ViewLoop {
   // Is there anything to draw? Notes what the head-up display shows of it.
   bool toDraw(double now, bool busy, bool changed);
   Scene sceneAt(double now);
+  std::array<int, 2> pictureSize() const;  // after sceneAt()
   Result<EngineStats> drawScene(double now);
   void noteProgress(const EngineStats& stats, double now);
   void say(std::string message, double now) {
@@ -154,6 +155,7 @@ class ViewLoop {
   double changed_at_ = nowSeconds(), moved_at_ = 0;
   int calm_frames_ = 0;
   bool guarded_ = false, switching_ = false, moving_ = false, lacks_samples_ = false;
+  bool last_ = false;  // of ViewerOptions::frames
   std::optional<FrameTimeControl> frame_time_ = options_.frame_ms > 0
                                                     ? std::optional<FrameTimeControl>(options_.frame_ms)
                                                     : std::nullopt;
@@ -196,7 +198,8 @@ Scene ViewLoop::sceneAt(double now) {
   }
   const PixelEffect* const overlay = options_.scene.overlay;
   Scene wanted = options_.scene;
-  moving_ = now < moved_at_ + kStillS;
+  // Snapshots are not of what was given up.
+  moving_ = now < moved_at_ + kStillS && !control_.wantsSnapshot() && !last_;
   if (exact_still_ && !moving_) wanted.least_cell = 0;
   if (frame_time_ && moving_) wanted = frame_time_->spend(wanted);
   wanted.light = control_.view().light;
@@ -209,10 +212,16 @@ Scene ViewLoop::sceneAt(double now) {
   return wanted;
 }
 
+std::array<int, 2> ViewLoop::pictureSize() const {
+  if (frame_time_ && moving_) return frame_time_->size(window_.width(), window_.height());
+  return {window_.width(), window_.height()};
+}
+
 Result<EngineStats> ViewLoop::drawScene(double now) {
   if (Result<void> set = engine_.setScene(sceneAt(now)); !set) return set.error();
-  if (window_.width() != engine_.width() || window_.height() != engine_.height()) changed_at_ = now;
-  engine_.resize(window_.width(), window_.height());
+  const auto [width_px, height_px] = pictureSize();
+  if (width_px != engine_.width() || height_px != engine_.height()) changed_at_ = now;
+  engine_.resize(width_px, height_px);
   engine_.setCamera(control_.view().camera);
   if (!refining(now) || !engine_.refine(now)) engine_.frame(now);
   const EngineStats stats = engine_.stats();
@@ -260,7 +269,7 @@ void ViewLoop::drawHud(const EngineStats& stats) {
   shown_.error_px = options_.scene.error_px;
   shown_.given_up = frame_time_ && moving_ ? frame_time_->givenUp() : "";
   shown_.predicted_error_px = stats.predicted_error_px;
-  shown_.mm_per_px = stats.orthographic ? stats.mm_per_px : 0;
+  shown_.mm_per_px = stats.orthographic ? stats.mm_per_px * engine_.width() / window_.width() : 0;  // of the window
   shown_.size_known = stats.size_known;
   shown_.figures.reset();
   if (control_.figures) shown_.figures = hudFigures(stats, engine_.manifest());
@@ -279,6 +288,7 @@ Result<void> ViewLoop::run() {
     }
     const double now = nowSeconds();
     if (!toDraw(now, busy_now, changed)) continue;
+    last_ = frames + 1 == options_.frames;
     auto stats = drawScene(now);
     if (!stats) return stats.error();
     noteProgress(*stats, now);
@@ -323,8 +333,11 @@ Result<void> runViewer(Artwork artwork, const ViewerOptions& options) {
                                               : fitCamera(extent, window.width(), window.height());
   if (!camera) return camera.error();
   start.camera = *camera;
-  ViewControl control(extent, start, window.width(), window.height(),
-                      {[&](double x, double y) { return engine.surfacePoint(x, y); }});
+  ViewControl control(extent, start, window.width(), window.height(), {[&](double x, double y) {
+                        // The picture may be smaller than its window.
+                        return engine.surfacePoint(x * engine.width() / window.width(),
+                                                   y * engine.height() / window.height());
+                      }});
   control.occlusion = options.scene.ambient_occlusion.isOn();
   control.wireframe = options.scene.wireframe;
   control.show_pages = options.scene.overlay == &kPagesEffect;

@@ -85,7 +85,8 @@ TEST(FrameTimeControl, ALightLoadGivesUpNothing) {
   exact.sampling = Sampling::kAnisotropic;
   EXPECT_EQ(s.control.spend(exact).error_px, exact.error_px);
   EXPECT_EQ(s.control.spend(exact).sampling, Sampling::kAnisotropic);
-  s.run(3 * kTargetMs, 20);  // control: a heavy one does, and gives it back
+  EXPECT_EQ(s.control.size(1280, 720), (std::array{1280, 720}));
+  s.run(1.8 * kTargetMs, 20);  // control: a heavy one does, and gives it back
   EXPECT_STREQ(s.control.givenUp(), "geometry");
   EXPECT_GT(s.control.spend(exact).error_px, exact.error_px);
   EXPECT_EQ(s.control.spend(exact).sampling, Sampling::kBilinear);
@@ -104,6 +105,41 @@ TEST(FrameTimeControl, WhatStandsStillIsNotJudged) {
   EXPECT_GT(control.pressure(), 0) << "control";
   for (int k = 0; k < 50; ++k) control.observe(1e9, true);
   EXPECT_EQ(control.pressure(), FrameTimeControl::kMostPressure);
+}
+
+// Each at its pressure, and each only after the one before: no more geometry is given up while pixels are.
+TEST(FrameTimeControl, GivesUpSamplingThenGeometryThenResolution) {
+  Scene exact;
+  exact.sampling = Sampling::kAnisotropic;
+  exact.error_px = 1;
+  struct Step {
+    double load;
+    const char* given_up;
+    double least_error_px, most_error_px;  // of the window
+    int least_width_px, most_width_px;
+  };
+  // Loads for which a simulated frame, which saves 2^-0.5 a unit of pressure, needs some 0.2, 1, 2.5 and all of it.
+  for (const Step& step : {Step{0.9, "sampling", 1, 1, 1600, 1600}, Step{1.2, "geometry", 2, 4, 1600, 1600},
+                           Step{2, "resolution", 4, 4, 900, 1300}, Step{50, "resolution", 16, 16, 800, 800}}) {
+    FrameTimeControl control(kTargetMs);
+    double shown = 0;
+    for (int k = 0; k < 60; ++k) {
+      const double ms = 1.12 * step.load * kTargetMs * std::exp2(-0.5 * shown);
+      shown = control.pressure();
+      control.observe(ms, true);
+    }
+    EXPECT_STREQ(control.givenUp(), step.given_up) << control.pressure();
+    const auto [width, height] = control.size(1600, 900);
+    EXPECT_GE(width, step.least_width_px) << control.pressure();
+    EXPECT_LE(width, step.most_width_px) << control.pressure();
+    EXPECT_NEAR(height * 16.0 / 9, width, 1);
+    const Scene spent = control.spend(exact);
+    EXPECT_EQ(spent.sampling, Sampling::kBilinear);
+    const double of_window = spent.error_px * 1600 / width;
+    EXPECT_GE(of_window, 0.999 * step.least_error_px) << control.pressure();
+    EXPECT_LE(of_window, 1.001 * step.most_error_px) << control.pressure();
+  }
+  EXPECT_EQ(FrameTimeControl(kTargetMs).size(1, 1), (std::array{1, 1}));
 }
 
 // A controller without pause after a change goes to and fro on the same clock: what the tests above would see.

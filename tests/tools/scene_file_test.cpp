@@ -1,6 +1,8 @@
 // Scenes as files: read, refused, written and come back; what their parts cost.
 #include <gtest/gtest.h>
 
+#include <filesystem>
+#include <fstream>
 #include <random>
 
 #include <nlohmann/json.hpp>
@@ -185,6 +187,19 @@ TEST(SceneFiles, AreReadAsTheirSchemaSays) {
   EXPECT_GT(tried, 30);
   for (const EffectSetting& e : SceneFile().effects)
     EXPECT_TRUE(schema["properties"]["effects"]["properties"].contains(std::string(e.effect->parameters[0].name)));
+}
+
+TEST(SceneFiles, ExamplesAreReadAndSayWhatTheyAreFor) {
+  int examples = 0;
+  for (const auto& entry : std::filesystem::directory_iterator(RELIEVO_SOURCE_DIR "/tools/scene/examples")) {
+    const auto scene = readScene(entry.path().string());
+    EXPECT_TRUE(scene) << scene.error().text();
+    std::ifstream in(entry.path());
+    const Json json = Json::parse(in);
+    EXPECT_GT(json.value("about", "").size(), 20u) << entry.path();
+    ++examples;
+  }
+  EXPECT_EQ(examples, 10);
 }
 
 TEST(SceneFiles, HoldLightsThatAnOptionGives) {

@@ -11,6 +11,7 @@
   G("page-latency", pageLatency, "one page, from wanted to visible")                                           \
   G("decode", decode, "reading, decoding and uploading pages, sustained")                                      \
   G("streaming", streaming, "frame time while pages stream")                                                   \
+  G("frame-time", frameTime, "a moving frame along a flight, exact and held at 33 ms; what its parts take")    \
   G("shader", shader, "the virtual texture's shader against the same shader with dense textures")              \
   G("replacement", replacement, "hit rates of replacement policies on three flights")                          \
   G("prefetch", prefetch, "pixels a level too coarse with and without prefetch, at 20 MB/s and 50 ms latency") \
