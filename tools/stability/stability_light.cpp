@@ -1,9 +1,12 @@
+#include <algorithm>
 #include <array>
 #include <numbers>
 #include <random>
 #include <vector>
 
 #include "src/artwork/basis.h"
+#include "src/base/srgb.h"
+#include "src/engine/effects/lights.h"
 #include "texturing/codec/page_codec.h"
 #include "texturing/codec/resolve.h"
 #include "tools/stability/stability.h"
@@ -101,6 +104,49 @@ StabilityErrors normalsThatCancel() {
   return out;
 }
 
+// Lights of 10^-3 to 10^3 times the usual intensity, on a PTM that is as bright under each of them.
+StabilityErrors lightsOfAllIntensities() {
+  const TextureFormat format = ptmOf(1, 0);
+  std::array<double, 18> raw{};
+  StabilityErrors out;
+  std::array<double, 4> intensities{1e-3, 0.1, 10, 1e3};
+  for (double level : {0.5, 20.0, 128.0, 255.0}) {
+    for (size_t c = 15; c < 18; ++c) raw[c] = level;  // the coefficient without a direction
+    std::sort(intensities.begin(), intensities.end());
+    do {
+      std::vector<PlacedLight> lights;
+      long double sum = 0;
+      double encoded = 0;
+      for (const double intensity : intensities) {
+        lights.push_back({.place = {0, 0, 1}, .color = glm::dvec3(intensity)});
+        sum += intensity;
+        encoded += srgbFromLinear(intensity * linearFromSrgb(level / 255));
+      }
+      const double truth = srgbFromLinear(static_cast<double>(sum) * linearFromSrgb(level / 255));
+      out.add(255 * (litColour(format, raw.data(), lights, {})[0] - truth), 255 * (encoded - truth));
+    } while (std::next_permutation(intensities.begin(), intensities.end()));
+  }
+  return out;
+}
+
+// From a kilometre away until it lies on the surface, which is then as near as a thousandth of its reference distance.
+StabilityErrors nearLightOnTheSurface() {
+  const TextureFormat format = ptmOf(1, 0);
+  std::array<double, 18> raw{};
+  for (size_t c = 15; c < 18; ++c) raw[c] = 100;
+  constexpr double kReference = 500;
+  StabilityErrors out;
+  for (const double distance : {1e6, 500.0, 1.0, 0.5, 1e-3, 1e-160, 0.0}) {
+    const PlacedLight light{
+        .near = true, .place = {0, 0, distance}, .color = glm::dvec3(1), .reference_mm = kReference};
+    const double nearest = std::max(distance, kReference / 1000);
+    const double truth = srgbFromLinear(kReference / nearest * (kReference / nearest) * linearFromSrgb(100 / 255.0));
+    const double naive = srgbFromLinear(kReference * kReference / (distance * distance) * linearFromSrgb(100 / 255.0));
+    out.add(litColour(format, raw.data(), {&light, 1}, {})[0] / truth - 1, naive / truth - 1);
+  }
+  return out;
+}
+
 constexpr StabilityCase kLightCases[] = {
     {"a light on the horizon and dragged below it", "the direction has length 1", "z = sqrt(1 - u^2 - v^2)", "", 1e-12,
      lightAtTheHorizon},
@@ -110,6 +156,10 @@ constexpr StabilityCase kLightCases[] = {
      "integers with eight bits of the light", "of 255", 0.51, coefficientsAtTheirEnds},
     {"normals that cancel when they are averaged", "the ambient share of the albedo", "normals made unit length",
      "of 255", 1e-9, normalsThatCancel},
+    {"four lights of 10^-3 to 10^3, in every order", "their sum in linear light",
+     "their colours added as they are shown", "of 255", 1e-9, lightsOfAllIntensities},
+    {"a light from 1 km away to on the surface", "the square of the distance, no less than a thousandth",
+     "the square of the distance", "of it", 1e-12, nearLightOnTheSurface},
 };
 
 }  // namespace
