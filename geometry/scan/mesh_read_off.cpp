@@ -1,7 +1,8 @@
 // mesh_read_off.cpp - OFF (Geomview): [ST][C][N]OFF, text and BINARY (big-endian; little-endian where only that fits
-// the file). Vertex colours behind the coordinates are taken in files without the C, too. Faces' colours, up to their
-// line's end, are read over. A text face may go on over several lines if it has no colours: a line that lacks corners
-// could not be told from one that goes on where the next one's first numbers are corners, and its others colours.
+// the file; faces without their count of colours where only that fits, as the library pmp writes them). Vertex colours
+// behind the coordinates are taken in files without the C, too. Faces' colours, up to their line's end, are read over.
+// A text face may go on over several lines if it has no colours: a line that lacks corners could not be told from one
+// that goes on where the next one's first numbers are corners, and its others colours.
 #include <bit>
 #include <cmath>
 #include <cstring>
@@ -13,7 +14,11 @@ namespace {
 
 class OffReader {
  public:
-  OffReader(const InputFile& file, const MeshReadOptions& options) : in_(file, options), cutter_(mesh_) {}
+  // Of a binary file: does a count of colours, and colours, follow the corners of each face?
+  enum class FaceColours { kCounted, kNone };
+  OffReader(const InputFile& file, const MeshReadOptions& options, FaceColours colours)
+      : in_(file, options), cutter_(mesh_), face_colours_(colours) {}
+  bool isBinary() const { return binary_; }
 
   Result<RawMesh> read() {
     readHeader();
@@ -23,8 +28,11 @@ class OffReader {
       if (mesh_.triangles.size() > kMaxTriangles)
         in_.note("expected at most " + std::to_string(kMaxTriangles) + " triangles");
     }
+    if (face_colours_ == FaceColours::kNone && in_.left() > 0) in_.note("expected the end of the file");
     if (in_.failed()) return in_.error();
     mesh_.vertices_read = vertices_;
+    if (face_colours_ == FaceColours::kNone)
+      mesh_.findings.push_back({"binary OFF without counts of colours", 1, {}, "read as such"});
     if (!mesh_.float_colours.empty()) mesh_.float_colours.resize(mesh_.positions.size(), glm::vec3(1));
     if (cutter_.dropped() > 0)
       mesh_.findings.push_back({"faces of fewer than three corners", cutter_.dropped(), {}, "dropped"});
@@ -157,7 +165,7 @@ class OffReader {
                       std::to_string(in_.left()) + " bytes are left in the file");
     for (uint32_t k = 0; k < n; ++k)
       if (int32_t v = word("more corners"); in_.failed() || !corner(v, face)) return;
-    auto colours = static_cast<uint32_t>(word("more faces"));
+    auto colours = face_colours_ == FaceColours::kCounted ? static_cast<uint32_t>(word("more faces")) : 0;
     if (colours > in_.left() / 4)
       return in_.note("face " + std::to_string(face) + " states " + std::to_string(colours) + " colour values, " +
                       std::to_string(in_.left()) + " bytes are left in the file");
@@ -231,6 +239,7 @@ class OffReader {
   FaceCutter cutter_;
   std::vector<glm::vec2> uv_, corner_uv_;
   std::vector<uint32_t> corners_;
+  FaceColours face_colours_;
   uint64_t vertices_ = 0, faces_ = 0;
   bool binary_ = false, little_endian_ = false, has_uv_ = false, has_colours_ = false, has_normals_ = false;
 };
@@ -238,7 +247,12 @@ class OffReader {
 }  // namespace
 
 Result<RawMesh> readOff(const InputFile& file, const MeshReadOptions& options) {
-  return OffReader(file, options).read();
+  OffReader reader(file, options, OffReader::FaceColours::kCounted);
+  Result<RawMesh> mesh = reader.read();
+  if (mesh || !reader.isBinary() || mesh.error().kind == ErrorKind::kInterrupted) return mesh;
+  // Without the counts a face takes fewer bytes: a file that has none ends early for one that reads them.
+  Result<RawMesh> without = OffReader(file, options, OffReader::FaceColours::kNone).read();
+  return without ? std::move(without) : std::move(mesh);
 }
 
 }  // namespace relievo::mesh_file

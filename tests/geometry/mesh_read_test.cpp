@@ -363,6 +363,26 @@ TEST(MeshFormats, OffInLittleEndianOrder) {
   expectSame(m, plain, false, false);
 }
 
+// Faces that end with their corners, as pmp-library writes them; a byte too few or a word too many is damage.
+TEST(MeshFormats, OffWithoutCountsOfColours) {
+  const Sample plain = scanOfCubeSphere(4);
+  const auto whole = offFile(plain, true);
+  const size_t faces = plain.triangles.size(), face_bytes = 5 * 4, kept = 4 * 4;
+  std::string bytes = whole.substr(0, whole.size() - faces * face_bytes);
+  for (size_t f = 0; f < faces; ++f) bytes += whole.substr(whole.size() - (faces - f) * face_bytes, kept);
+  LoadedMesh m = mustRead(saveFile("short.off", bytes));
+  EXPECT_TRUE(finding(m, "without counts of colours"));
+  m.diagnosis.findings.clear();
+  expectSame(m, plain, false, false);
+  for (const int more : {-1, 4}) {
+    std::string other = bytes;
+    other.resize(static_cast<size_t>(static_cast<int64_t>(bytes.size()) + more));
+    const auto refused = readMesh(saveFile("other.off", other), {});
+    ASSERT_FALSE(refused.ok()) << more;
+    EXPECT_EQ(refused.error().kind, ErrorKind::kInvalidData) << refused.error().text();
+  }
+}
+
 TEST(MeshFormats, MaterialFilesLieInTheMeshsFolder) {
   namespace fs = std::filesystem;
   fs::create_directories(meshFolder() / "inner/deeper");
