@@ -22,6 +22,7 @@
 #include "geometry/bake/line_rasteriser.h"
 #include "geometry/bake/mesh_bake.h"
 #include "geometry/bake/mesh_distance.h"
+#include "geometry/bake/simplified_rounds.h"
 #include "geometry/mesh/mesh_order.h"
 #include "geometry/remesh/base_domain.h"
 #include "geometry/scan/mesh_read.h"
@@ -422,9 +423,7 @@ class MeshBuild {
   bool refined_ = false;          // the base mesh is not the one that BaseDomain::make() made
   BaseKind base_kind_ = BaseKind::kEven;
   int round_ = 0, in_vain_ = 0;  // bakes of this kind of base, and how many of the last ones were no better
-  // The least excess before the last round, and before the one before it; of simplified bases.
-  std::array<double, 2> excess_before_{std::numeric_limits<double>::infinity(),
-                                       std::numeric_limits<double>::infinity()};
+  SimplifiedRounds simplified_rounds_;
   bool more_samples_ = false;  // a bake that is told its tolerance may take 16 times as many (BakeOptions)
   MeshBuildResult result_;
 };
@@ -626,9 +625,8 @@ Result<void> MeshBuild::replaceFirstBase() {
 
 Result<bool> MeshBuild::nextBase(const Fidelity& now, BakeLimit limit, bool better) {
   constexpr double kLargeMiss = 8;  // of the target's largest: sides at a quarter there, not at a half
-  // Times the target: patches of even size would have to be too many. Near the target they make smaller packages.
-  constexpr double kHopeless = 32;
-  constexpr double kFarOff = 4;  // times the target
+  // Beyond it patches of even size would have to be too many. Near the target they make smaller packages.
+  constexpr double kHopeless = SimplifiedRounds::kHopeless, kFarOff = SimplifiedRounds::kFarOff;
   const bool first = round_++ == 0;
   // What lines between samples miss of such a base, more samples show.
   if (base_kind_ == BaseKind::kFaces) return !std::exchange(finer_cells_, true);
@@ -641,21 +639,14 @@ Result<bool> MeshBuild::nextBase(const Fidelity& now, BakeLimit limit, bool bett
   for (const FidelityViolation& m : now.violations)
     requests.push_back({m.position_mm, m.distance_mm > kLargeMiss * now.target.max_mm ? 64.0f : 16.0f});
   if (base_kind_ == BaseKind::kSimplified) {
-    in_vain_ = better ? 0 : in_vain_ + 1;
-    constexpr double kNearly = 1.3;  // times the target: some more rounds are worth their while
-    const int rounds = !fidelity_.kept() && fidelity_.excess() < kNearly ? 2 * kRounds : kRounds;
-    const bool far_off = fidelity_.excess() > kFarOff;
-    // What the last two rounds gained, as often again as rounds are left.
-    const double gained = fidelity_.excess() / excess_before_[1], left = std::max(rounds - round_ + 1, 0) / 2.0;
-    const bool in_sight = round_ < 3 || loaded_.mesh.triangles.size() > 2 * size_t{kMostFaces} ||
-                          fidelity_.excess() * std::pow(gained, left) <= kFarOff;
-    excess_before_ = {fidelity_.excess(), excess_before_[0]};
-    const bool over = round_ > rounds || in_vain_ == kInVain || now.excess() > kHopeless;
-    if (over && !far_off) return false;
-    if (over || !in_sight) {
+    const bool own_triangles = loaded_.mesh.triangles.size() <= 2 * size_t{kMostFaces};
+    const auto next =
+        simplified_rounds_.after({now.excess(), fidelity_.excess(), better, fidelity_.kept()}, own_triangles);
+    if (next == SimplifiedRounds::Next::kEnd) return false;
+    if (next == SimplifiedRounds::Next::kOwnTriangles) {
       // Thin parts and parts that touch: the scan's own triangles show them, at many times the bytes.
       auto done = useFaces(kMostFaces);
-      if (over || !done || *done) return done;
+      if (simplified_rounds_.over() || !done || *done) return done;
     }
   } else if (now.excess() <= kHopeless || !first) {
     // Where the samples ran out, patches that stay as they are get more of them first.

@@ -103,8 +103,8 @@ struct TexelBaker {
   // Moves samples on the patch's sides beside a crease into the patch. tile: the samples [x0, x1) x [y0, y1).
   void sampleInside(const PatchLines& lines, const SampleGrid& grid, const std::array<size_t, 4>& tile,
                     LineBatch& batch, SampleBand& band) const;
-  // Bakes the texels of those cells of the rows [first, end) each by itself that a crease crosses, or the border between
-  // two colours of a palette.
+  // Bakes the texels of those cells of the rows [first, end) each by itself that a crease crosses, or the border
+  // between two colours of a palette.
   bool sharpenCells(const PatchLines& lines, const SampleGrid& grid, const SampleBand& samples, size_t first,
                     size_t end, std::span<uint8_t> out) const;
   SurfacePoint pointOf(const LineBatch& batch, size_t line) const {

@@ -13,7 +13,7 @@ namespace relievo {
 
 struct BakeTexture {
   MipImage image;
-  bool planes = false;  // the image's channels become the texture, in place of colour and normal
+  bool planes = false;   // the image's channels become the texture, in place of colour and normal
   bool palette = false;  // of colours that whole triangles have
   int depth = 0;
   int sample_grid_log2 = 0;  // colours and normals are sampled on a grid of 2^this cells and interpolated, but for

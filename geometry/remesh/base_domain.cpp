@@ -350,9 +350,9 @@ void roundPositions(BaseMesh& base, double diagonal) {
   double most = kOfDiagonal * diagonal;
   for (const auto& patch : base.patches)
     for (const auto& side : kSideCorners)
-      most = std::min(
-          most, kOfSide * glm::length(glm::dvec3(base.corners[patch[static_cast<size_t>(side[0])]].position_mm) -
-                                      glm::dvec3(base.corners[patch[static_cast<size_t>(side[1])]].position_mm)));
+      most = std::min(most,
+                      kOfSide * glm::length(glm::dvec3(base.corners[patch[static_cast<size_t>(side[0])]].position_mm) -
+                                            glm::dvec3(base.corners[patch[static_cast<size_t>(side[1])]].position_mm)));
   if (!(most > 0)) return;
   const double step = std::exp2(std::floor(std::log2(most)));
   for (BaseCorner& c : base.corners) c.position_mm = glm::vec3(glm::round(glm::dvec3(c.position_mm) / step) * step);
