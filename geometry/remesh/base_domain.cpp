@@ -366,7 +366,6 @@ void roundNormals(BaseMesh& base) {
 // With its origin, and its patches in their order; or what is wrong with it.
 Result<BaseMesh> completed(BaseMesh base, const glm::dvec3& origin_mm) {
   base.origin_mm = origin_mm;
-  roundNormals(base);
   orderPatches(base);
   if (std::string problem = baseMeshProblem(base); !problem.empty())
     return Error{ErrorKind::kInvalidData, {}, "no base mesh for this scan: " + problem, {}, {}};
@@ -459,6 +458,7 @@ struct BaseDomain::Impl {
     if (last.empty()) return Error{ErrorKind::kInvalidData, {}, "no base mesh was found for this scan", {}, {}};
     BaseMesh base = baseMeshOf(last.quads, reduced_scan->frame);
     roundPositions(base, reduced_scan->frame.diagonal);
+    roundNormals(base);
     return completed(std::move(base), mesh.origin_mm);
   }
   Result<void> prepare(size_t target_triangles, uint32_t patches, const ViewDirection* known) {

@@ -9,7 +9,7 @@
 // - Normals: of length 1 but for 5e-4, never longer, outwards. They are the mean over half a patch's width, turned
 // towards parts of the surface that would face away.
 // - Rounding: components of normals are multiples of 1/4096, coordinates of corners that of a power of two that is at
-// most 1/65536 of the diagonal and 1/32 of any side, but for faces() and simplifiedFaces().
+// most 1/65536 of the diagonal and 1/32 of any side, but those of faces() and simplifiedFaces() are not rounded.
 // - Determinism: the same mesh and options give the same base, bit for bit, with any number of workers.
 // - Cost: two million triangles take 0.5 s on two cores, and about 15 bytes a triangle beside the mesh, fewer the
 // larger it is.
