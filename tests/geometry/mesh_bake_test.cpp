@@ -1097,7 +1097,7 @@ TEST(MeshBake, degenerateBasesGiveNumbers) {
 // interpolated from a coarser grid.
 TEST(MeshBake, paletteColoursDoNotMix) {
   constexpr double kBorder = 4.5;  // between two of the samples that texels are interpolated from
-  constexpr size_t kTexels = 128, kPlane = kTexels * kTexels;
+  constexpr size_t kTexels = 512, kPlane = kTexels * kTexels;
   TriMesh mesh = sheetMesh(10, 10, 20, 20, [](double x, double) { return 0.1 * std::sin(x); });
   for (const auto& t : mesh.triangles) {
     const float middle = (mesh.positions_mm[t[0]].x + mesh.positions_mm[t[1]].x + mesh.positions_mm[t[2]].x) / 3;
@@ -1108,7 +1108,7 @@ TEST(MeshBake, paletteColoursDoNotMix) {
   // Between red and green, and texels of the wrong one.
   auto count = [&](const TriMesh& scan, const MeshBake::Image& image) {
     std::array<size_t, 2> mixed_wrong{};
-    auto baked = bake(scan, sheetBase(10, 10, 1, 1), {.cells_log2 = 4, .texture_depth = 0}, image);
+    auto baked = bake(scan, sheetBase(10, 10, 1, 1), {.cells_log2 = 4, .texture_depth = 2}, image);
     std::vector<uint8_t> out(6 * kPlane);
     EXPECT_TRUE(baked && baked->texels(0, out));
     for (size_t i = 0; i < kPlane; ++i) {
