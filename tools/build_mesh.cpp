@@ -22,6 +22,7 @@
 #include "geometry/bake/line_rasteriser.h"
 #include "geometry/bake/mesh_bake.h"
 #include "geometry/bake/mesh_distance.h"
+#include "geometry/bake/simplified_rounds.h"
 #include "geometry/mesh/mesh_order.h"
 #include "geometry/remesh/base_domain.h"
 #include "geometry/scan/mesh_read.h"
@@ -364,6 +365,8 @@ class MeshBuild {
   }
 
  private:
+  // By which function of BaseDomain's a base mesh was made: make() or refine(); faces(); simplifiedFaces().
+  enum class BaseKind : uint8_t { kEven, kFaces, kSimplified };
   Result<void> read();
   // What only the scan itself tells to be impossible.
   Result<void> checkArguments() const;
@@ -371,6 +374,13 @@ class MeshBuild {
   Result<void> makeBase();
   // Bakes, measures, and makes patches smaller where the scan is missed, until the target is kept or more hardly help.
   Result<void> bakeUntilKept();
+  // A base whose topology alone takes far more patches than there may be has large patches where the shape needs small
+  // ones: another kind of base takes its place, if there is any.
+  Result<void> replaceFirstBase();
+  // The next bake's base; false: there is none of this kind.
+  Result<bool> use(BaseKind kind, Result<BaseMesh> base);
+  Result<bool> useFaces(uint32_t max_patches);
+  Result<bool> useSimplified(std::span<const RefineRequest> requests);
   // Chooses the base of the next bake, after one that missed; false: what there is is kept.
   Result<bool> nextBase(const Fidelity& now, BakeLimit limit, bool better);
   // Rounds heights to steps as large as the target allows.
@@ -392,7 +402,7 @@ class MeshBuild {
   uint64_t memoryLeft(uint64_t least) const;
 
   // More patches take ever more: three pages and some 4 to 20 KiB each, and as many root pages that stay resident.
-  static constexpr uint32_t kMostPatches = 4096, kMostFaces = 32'768;
+  static constexpr uint32_t kMostPatches = 4096, kMostFaces = 65'536;
   static constexpr int kRounds = 5, kInVain = 2;  // of one kind of base
 
   MeshBuildArguments a_;
@@ -411,12 +421,9 @@ class MeshBuild {
   bool finer_cells_ = false;      // than the target asks for
   bool best_is_known_ = false;    // what is baked is kept
   bool refined_ = false;          // the base mesh is not the one that BaseDomain::make() made
-  // By which function of BaseDomain's the base mesh was made: make() or refine(); faces(); simplifiedFaces().
-  enum class BaseKind : uint8_t { kEven, kFaces, kSimplified } base_kind_ = BaseKind::kEven;
+  BaseKind base_kind_ = BaseKind::kEven;
   int round_ = 0, in_vain_ = 0;  // bakes of this kind of base, and how many of the last ones were no better
-  // The least excess before the last round, and before the one before it; of simplified bases.
-  std::array<double, 2> excess_before_{std::numeric_limits<double>::infinity(),
-                                       std::numeric_limits<double>::infinity()};
+  SimplifiedRounds simplified_rounds_;
   bool more_samples_ = false;  // a bake that is told its tolerance may take 16 times as many (BakeOptions)
   MeshBuildResult result_;
 };
@@ -551,6 +558,7 @@ Result<void> MeshBuild::bakeUntilKept() {
   constexpr double kEnough = 0.9;  // of the target: another choice of samples finds a little more or less
   std::unique_ptr<MeshBake> best;
   BaseMesh best_base;
+  if (auto done = replaceFirstBase(); !done) return done;
   BaseKind best_kind = base_kind_;
   for (;;) {
     if (auto done = bake(); !done) return done;
@@ -589,46 +597,56 @@ Result<void> MeshBuild::bakeUntilKept() {
   return {};
 }
 
+Result<bool> MeshBuild::use(BaseKind kind, Result<BaseMesh> base) {
+  if (!base && base.error().kind == ErrorKind::kInterrupted) return interrupted(a_);
+  if (!base) return false;
+  if (kind != base_kind_) round_ = in_vain_ = 0;
+  base_kind_ = kind;
+  base_ = std::move(*base);
+  return true;
+}
+
+Result<bool> MeshBuild::useFaces(uint32_t max_patches) {
+  return use(BaseKind::kFaces, stages_.run("base", [&] { return domain_->faces(max_patches); }));
+}
+
+Result<bool> MeshBuild::useSimplified(std::span<const RefineRequest> requests) {
+  return use(BaseKind::kSimplified,
+             stages_.run("base", [&] { return domain_->simplifiedFaces(requests, kMostPatches); }));
+}
+
+Result<void> MeshBuild::replaceFirstBase() {
+  if (a_.patches > 0 || base_.patches.size() <= 2 * size_t{kMostPatches}) return {};
+  Result<bool> replaced = useFaces(kMostPatches);
+  if (replaced && !*replaced) replaced = useSimplified({});
+  if (replaced && !*replaced) replaced = useFaces(kMostFaces);
+  return replaced ? Result<void>() : replaced.error();
+}
+
 Result<bool> MeshBuild::nextBase(const Fidelity& now, BakeLimit limit, bool better) {
   constexpr double kLargeMiss = 8;  // of the target's largest: sides at a quarter there, not at a half
-  // Times the target: patches of even size would have to be too many. Near the target they make smaller packages.
-  constexpr double kHopeless = 32;
-  constexpr double kFarOff = 4;  // times the target
+  // Beyond it patches of even size would have to be too many. Near the target they make smaller packages.
+  constexpr double kHopeless = SimplifiedRounds::kHopeless, kFarOff = SimplifiedRounds::kFarOff;
   const bool first = round_++ == 0;
-  auto use = [&](BaseKind kind, Result<BaseMesh> base) -> Result<bool> {
-    if (!base && base.error().kind == ErrorKind::kInterrupted) return interrupted(a_);
-    if (!base) return false;
-    if (kind != base_kind_) round_ = in_vain_ = 0;
-    base_kind_ = kind;
-    base_ = std::move(*base);
-    return true;
-  };
   // What lines between samples miss of such a base, more samples show.
   if (base_kind_ == BaseKind::kFaces) return !std::exchange(finer_cells_, true);
   if (first && base_kind_ == BaseKind::kEven) {
     // Few triangles may be patches themselves: these show the scan as it is.
-    auto done = use(BaseKind::kFaces, stages_.run("base", [&] { return domain_->faces(kMostPatches); }));
+    auto done = useFaces(kMostPatches);
     if (!done || *done) return done;
   }
   std::vector<RefineRequest> requests;
   for (const FidelityViolation& m : now.violations)
     requests.push_back({m.position_mm, m.distance_mm > kLargeMiss * now.target.max_mm ? 64.0f : 16.0f});
   if (base_kind_ == BaseKind::kSimplified) {
-    in_vain_ = better ? 0 : in_vain_ + 1;
-    constexpr double kNearly = 1.3;  // times the target: some more rounds are worth their while
-    const int rounds = !fidelity_.kept() && fidelity_.excess() < kNearly ? 2 * kRounds : kRounds;
-    const bool far_off = fidelity_.excess() > kFarOff;
-    // What the last two rounds gained, as often again as rounds are left.
-    const double gained = fidelity_.excess() / excess_before_[1], left = std::max(rounds - round_ + 1, 0) / 2.0;
-    const bool in_sight = round_ < 3 || loaded_.mesh.triangles.size() > 2 * size_t{kMostFaces} ||
-                          fidelity_.excess() * std::pow(gained, left) <= kFarOff;
-    excess_before_ = {fidelity_.excess(), excess_before_[0]};
-    const bool over = round_ > rounds || in_vain_ == kInVain || now.excess() > kHopeless;
-    if (over && !far_off) return false;
-    if (over || !in_sight) {
+    const bool own_triangles = loaded_.mesh.triangles.size() <= 2 * size_t{kMostFaces};
+    const auto next =
+        simplified_rounds_.after({now.excess(), fidelity_.excess(), better, fidelity_.kept()}, own_triangles);
+    if (next == SimplifiedRounds::Next::kEnd) return false;
+    if (next == SimplifiedRounds::Next::kOwnTriangles) {
       // Thin parts and parts that touch: the scan's own triangles show them, at many times the bytes.
-      auto done = use(BaseKind::kFaces, stages_.run("base", [&] { return domain_->faces(kMostFaces); }));
-      if (over || !done || *done) return done;
+      auto done = useFaces(kMostFaces);
+      if (simplified_rounds_.over() || !done || *done) return done;
     }
   } else if (now.excess() <= kHopeless || !first) {
     // Where the samples ran out, patches that stay as they are get more of them first.
@@ -642,8 +660,9 @@ Result<bool> MeshBuild::nextBase(const Fidelity& now, BakeLimit limit, bool bett
     }
     requests.clear();  // of another base
   }
-  return use(BaseKind::kSimplified,
-             stages_.run("base", [&] { return domain_->simplifiedFaces(requests, kMostPatches); }));
+  auto done = useSimplified(requests);
+  if (!done || *done || fidelity_.excess() <= kFarOff) return done;
+  return useFaces(kMostFaces);
 }
 
 Result<void> MeshBuild::chooseStep() {

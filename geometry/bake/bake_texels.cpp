@@ -103,7 +103,8 @@ struct TexelBaker {
   // Moves samples on the patch's sides beside a crease into the patch. tile: the samples [x0, x1) x [y0, y1).
   void sampleInside(const PatchLines& lines, const SampleGrid& grid, const std::array<size_t, 4>& tile,
                     LineBatch& batch, SampleBand& band) const;
-  // Bakes the texels of those cells of the rows [first, end) each by itself that a crease crosses.
+  // Bakes the texels of those cells of the rows [first, end) each by itself that a crease crosses, or the border
+  // between two colours of a palette.
   bool sharpenCells(const PatchLines& lines, const SampleGrid& grid, const SampleBand& samples, size_t first,
                     size_t end, std::span<uint8_t> out) const;
   SurfacePoint pointOf(const LineBatch& batch, size_t line) const {
@@ -303,6 +304,16 @@ void quantiseRow(size_t side, size_t y, std::vector<float>& values, std::span<ui
   }
 }
 
+// Do a cell's corners have different colours of a palette?
+bool isColoured(const SampleBand& samples, size_t x, size_t y) {
+  constexpr float kRounding = 0.5f;  // of what is interpolated between three times the same texel
+  const ColourNormal& first = samples.row(y)[x];
+  for (size_t k = 1; k < 4; ++k)
+    for (size_t c = 0; c < 3; ++c)
+      if (std::abs(samples.row(y + k / 2)[x + k % 2][c] - first[c]) > kRounding) return true;
+  return false;
+}
+
 // Is there a crease between a cell's corners? On a smooth surface their normals differ by less.
 bool isCreased(const SampleBand& samples, size_t x, size_t y) {
   constexpr float kCosine = 0.9659f;  // 15 degrees
@@ -334,7 +345,7 @@ bool TexelBaker::sharpenCells(const PatchLines& lines, const SampleGrid& grid, c
       texels.clear();
       for (size_t y = y0; y < y1; ++y)
         for (size_t x = x0; x < x1; ++x)
-          if (isCreased(samples, x, y))
+          if (isCreased(samples, x, y) || (texture.palette && isColoured(samples, x, y)))
             for (size_t i = 0; i < run * run; ++i) texels.push_back({x * run + i % run, y * run + i / run});
       if (texels.empty()) continue;
       context.beginBatch(batch, lines.patch(), static_cast<double>(x0) / cells, static_cast<double>(y0) / cells,
@@ -359,7 +370,7 @@ bool TexelBaker::sharpenCells(const PatchLines& lines, const SampleGrid& grid, c
 }  // namespace
 
 void chooseTextureResolution(const BakeContext& context, int requested_depth, BakeTexture& texture) {
-  const bool from_image = !texture.image.empty();
+  const bool from_image = !texture.image.empty() && !texture.palette;
   const double vertices = static_cast<double>(context.mesh->positions_mm.size()),
                patches = static_cast<double>(context.layout.patches);
   // Texels are twice as dense along u and v as what they are sampled from.
@@ -370,10 +381,7 @@ void chooseTextureResolution(const BakeContext& context, int requested_depth, Ba
       const glm::dvec2 a = uv[1] - uv[0], b = uv[2] - uv[0];
       uv_area += 0.5 * std::abs(a.x * b.y - a.y * b.x);
     }
-    if (uv_area > 0)
-      samples =
-          uv_area * texture.image.width() *
-          texture.image.height();  // without an area in the image each triangle has one colour, as with vertex colours
+    if (uv_area > 0) samples = uv_area * texture.image.width() * texture.image.height();
   }
   int& depth = texture.depth = requested_depth;
   if (depth < 0) {
@@ -383,7 +391,8 @@ void chooseTextureResolution(const BakeContext& context, int requested_depth, Ba
   }
   // Vertex colours are linear over the scan's triangles, so that a grid somewhat finer than these captures them. If it
   // is hardly finer, creases show; half a million samples take a quarter of a second.
-  const double grid_points = std::max(2 * vertices, std::min(16 * vertices, 524'288.0));
+  double grid_points = std::max(2 * vertices, std::min(16 * vertices, 524'288.0));
+  if (texture.palette) grid_points *= 4;  // no cell's corners show a triangle that lies between them
   const int texels_log2 = kPageCellsLog2 + depth;
   texture.sample_grid_log2 = 1;
   while (texture.sample_grid_log2 < texels_log2 && std::ldexp(patches, 2 * texture.sample_grid_log2) < grid_points)
@@ -398,8 +407,8 @@ bool bakeTexels(const BakeContext& context, const BakedHeights& baked, const Bak
   const SampleGrid grid(texture);
   std::vector<float> row_samples(grid.row * kTexelChannels), values(grid.side * kTexelChannels);
   const PatchLines lines(context, baked, deviation_mm, patch);
-  // Interpolation blurs a crease over a cell.
-  const bool sharpen = !grid.per_texel && context.normals->hasCreases();
+  // Interpolation blurs a crease, or a border of colours, over a cell.
+  const bool sharpen = !grid.per_texel && (context.normals->hasCreases() || texture.palette);
   size_t y = 0, sharpened = 0;  // rows of texels, of cells
   bool whole = true;
   const bool sampled = baker.sampleSurface(lines, grid, [&](const SampleBand& samples) {

@@ -13,10 +13,12 @@ namespace relievo {
 
 struct BakeTexture {
   MipImage image;
-  bool planes = false;  // the image's channels become the texture, in place of colour and normal
+  bool planes = false;   // the image's channels become the texture, in place of colour and normal
+  bool palette = false;  // of colours that whole triangles have
   int depth = 0;
   int sample_grid_log2 = 0;  // colours and normals are sampled on a grid of 2^this cells and interpolated, but for
-                             // cells that a crease crosses; at least the texels: at each texel
+                             // cells that a crease or the border of a palette's colours crosses; at least the texels:
+                             // at each texel
 };
 // Sets texture.depth and texture.sample_grid_log2. requested_depth: -1 is as fine as the scan's colours.
 void chooseTextureResolution(const BakeContext& context, int requested_depth, BakeTexture& texture);

@@ -63,6 +63,7 @@ Result<void> validate(const TriMesh& mesh, const MeshBake::Image& image, const B
 BakeTexture textureOf(const TriMesh& mesh, const MeshBake::Image& image) {
   BakeTexture texture;
   if (image.texels.empty() || mesh.corner_uv.empty()) return texture;
+  texture.palette = !mesh.palette.empty();
   texture.planes = image.planes;
   texture.image =
       MipImage(image.width, image.height, image.channels, image.texels, image.planes ? 16 : 0, image.repeats);
@@ -138,6 +139,7 @@ Result<BakeScene> makeBakeScene(const TriMesh& mesh, const BakeSceneOptions& opt
   if (!rays) return rays.error();
   out.rays = std::move(*rays);
   if (rasterise) out.rasteriser = std::make_shared<const LineRasteriser>(mesh, options.workers);
+  out.rasterise_from_per_patch = options.rasterise_from_per_patch;
   CornerNormals normals;
   if (!makeCornerNormals(mesh, options.workers, options.interrupted, normals)) return interruptedError();
   out.normals = std::make_shared<const CornerNormals>(std::move(normals));
@@ -179,7 +181,8 @@ Result<std::unique_ptr<MeshBake>> MeshBake::create(const TriMesh& mesh, const Im
     scene = std::move(*made);
   }
   impl->context.scene = std::move(scene.rays);
-  impl->context.rasteriser = std::move(scene.rasteriser);
+  if (mesh.triangles.size() / base.patches.size() >= scene.rasterise_from_per_patch)
+    impl->context.rasteriser = std::move(scene.rasteriser);
   impl->context.normals = std::move(scene.normals);
   progress(0.3);
 

@@ -76,17 +76,18 @@ struct CornerNormals;
 // and copies share them, so that several bakes of one mesh build them once.
 struct BakeScene {
   std::shared_ptr<const RayScene> rays;
-  // Only of dense scans; rays trace the lines that it leaves open.
+  // Only of large scans; rays trace the lines that it leaves open.
   std::shared_ptr<const LineRasteriser> rasteriser;
+  size_t rasterise_from_per_patch = 0;  // BakeSceneOptions
   std::shared_ptr<const CornerNormals> normals;
 };
 struct BakeSceneOptions {
   // Memory for ray hierarchies. With less, a bake takes longer; its result is the same.
   uint64_t ray_bytes = ~uint64_t{0};
   uint32_t region_triangles = 0;  // triangles of each hierarchy; 0: chosen by the mesh's size
-  // Meshes with at least so many triangles are rasterised. Smaller ones have few triangles for each patch, where rays
-  // are as fast.
-  size_t rasterise_from_triangles = 100'000;
+  // Meshes with at least so many triangles are rasterised, over bases of which a patch has at least so many of them in
+  // the mean. Where it has fewer, rays are faster: up to five times where it has ten.
+  size_t rasterise_from_triangles = 100'000, rasterise_from_per_patch = 160;
   int workers = 0;
   const std::atomic<bool>* interrupted = nullptr;
 };

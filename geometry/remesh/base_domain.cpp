@@ -343,6 +343,26 @@ BaseMesh baseMeshOf(const QuadMesh& quads, const Frame& frame) {
   return base;
 }
 
+// Positions become multiples of a power of two: heights are measured from wherever corners are, and a package keeps
+// fewer bits of round numbers. For bases that do not lie on the scan anyway.
+void roundPositions(BaseMesh& base, double diagonal) {
+  constexpr double kOfDiagonal = 1.0 / 65536, kOfSide = 1.0 / 32;
+  double most = kOfDiagonal * diagonal;
+  for (const auto& patch : base.patches)
+    for (const auto& side : kSideCorners)
+      most = std::min(most,
+                      kOfSide * glm::length(glm::dvec3(base.corners[patch[static_cast<size_t>(side[0])]].position_mm) -
+                                            glm::dvec3(base.corners[patch[static_cast<size_t>(side[1])]].position_mm)));
+  if (!(most > 0)) return;
+  const double step = std::exp2(std::floor(std::log2(most)));
+  for (BaseCorner& c : base.corners) c.position_mm = glm::vec3(glm::round(glm::dvec3(c.position_mm) / step) * step);
+}
+// The same of normals, towards 0, so that none is longer than 1.
+void roundNormals(BaseMesh& base) {
+  constexpr float kSteps = 4096;
+  for (BaseCorner& c : base.corners) c.normal = glm::trunc(c.normal * kSteps) / kSteps;
+}
+
 // With its origin, and its patches in their order; or what is wrong with it.
 Result<BaseMesh> completed(BaseMesh base, const glm::dvec3& origin_mm) {
   base.origin_mm = origin_mm;
@@ -436,7 +456,10 @@ struct BaseDomain::Impl {
   Result<BaseMesh> finish(Candidate candidate) {
     last = std::move(candidate);
     if (last.empty()) return Error{ErrorKind::kInvalidData, {}, "no base mesh was found for this scan", {}, {}};
-    return completed(baseMeshOf(last.quads, reduced_scan->frame), mesh.origin_mm);
+    BaseMesh base = baseMeshOf(last.quads, reduced_scan->frame);
+    roundPositions(base, reduced_scan->frame.diagonal);
+    roundNormals(base);
+    return completed(std::move(base), mesh.origin_mm);
   }
   Result<void> prepare(size_t target_triangles, uint32_t patches, const ViewDirection* known) {
     auto made = reduceScan(mesh, options, target_triangles, patches, known);

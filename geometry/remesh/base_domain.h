@@ -6,8 +6,10 @@
 // border is. Between corners the border deviates from the sides, across the normals, by at most 0.2 % of the diagonal
 // if the number of patches is free; a border with steps of its own may deviate by as much as these need.
 // - Creases: sides along sharp creases have their corners on them.
-// - Normals: of length 1, outwards. They are the mean over half a patch's width, turned towards parts of the surface
-// that would face away.
+// - Normals: of length 1 but for 5e-4, never longer, outwards. They are the mean over half a patch's width, turned
+// towards parts of the surface that would face away.
+// - Rounding: components of normals are multiples of 1/4096, coordinates of corners that of a power of two that is at
+// most 1/65536 of the diagonal and 1/32 of any side, but those of faces() and simplifiedFaces() are not rounded.
 // - Determinism: the same mesh and options give the same base, bit for bit, with any number of workers.
 // - Cost: two million triangles take 0.5 s on two cores, and about 15 bytes a triangle beside the mesh, fewer the
 // larger it is.

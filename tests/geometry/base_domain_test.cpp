@@ -617,6 +617,37 @@ TEST(BaseDomain, CreasesLieOnSides) {
   }
 }
 
+// A package keeps few bits of round numbers. What is rounded off is small beside patches, and no normal gets longer
+// than 1, which bounds of heights rely on.
+TEST(BaseDomain, CornersAreRoundNumbers) {
+  // The second has crumbs, whose sides are a thousandth of its diagonal.
+  for (const TriMesh& scan : {bustMesh(30), together(ballMesh(24), ballMesh(4, 0.05), {80, 0, 0})}) {
+    const BaseMesh base = baseOf(scan);
+    const double diagonal = diagonalOf(scan);
+    double shortest = diagonal, finest = diagonal, step = 1;
+    for (const auto& patch : base.patches)
+      for (const auto& [a, b] : kSideCorners)
+        shortest = std::min(shortest, glm::length(glm::dvec3(base.corners[patch[static_cast<size_t>(a)]].position_mm -
+                                                             base.corners[patch[static_cast<size_t>(b)]].position_mm)));
+    // The largest power of two that all coordinates are multiples of.
+    auto isMultiple = [](double v, double of) { return std::floor(v / of) * of == v; };
+    for (const BaseCorner& c : base.corners) {
+      for (int k = 0; k < 3; ++k)
+        while (step > 1e-12 && !isMultiple(c.position_mm[k], step)) step /= 2;
+      const float length = glm::length(c.normal);
+      EXPECT_LE(length, 1.0f);
+      EXPECT_GE(length, 1.0f - 5e-4f);
+      for (int k = 0; k < 3; ++k) EXPECT_TRUE(isMultiple(c.normal[k], 1.0 / 4096)) << c.normal[k];
+    }
+    finest = std::min(diagonal / 65536, shortest / 32);
+    EXPECT_GT(step, finest / 2.2);
+    EXPECT_LE(step, finest * 1.1);
+    // Control: the scan's own vertices are no such numbers.
+    EXPECT_TRUE(std::any_of(scan.positions_mm.begin(), scan.positions_mm.end(),
+                            [&](const glm::vec3& p) { return !isMultiple(p.x, step); }));
+  }
+}
+
 TEST(BaseDomain, Deterministic) {
   const TriMesh scan = bustMesh(40);
   EXPECT_EQ(baseOf(scan, 200), baseOf(scan, 200));

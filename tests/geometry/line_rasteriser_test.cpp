@@ -218,8 +218,9 @@ TEST(LineRasteriser, bakesTheSameAsRays) {
   std::vector<uint8_t> texels[2];
   double scale_mm[2];
   for (size_t k = 0; k < 2; ++k) {
-    auto scene =
-        makeBakeScene(mesh, {.rasterise_from_triangles = k ? 0 : ~size_t{0}, .workers = static_cast<int>(k + 1)});
+    auto scene = makeBakeScene(mesh, {.rasterise_from_triangles = k ? 0 : ~size_t{0},
+                                      .rasterise_from_per_patch = 0,
+                                      .workers = static_cast<int>(k + 1)});
     ASSERT_TRUE(scene);
     EXPECT_EQ(scene->rasteriser != nullptr, k == 1);
     const RayScene& rays = *scene->rays;
@@ -248,6 +249,22 @@ TEST(LineRasteriser, bakesTheSameAsRays) {
     worst_texel = std::max(worst_texel, std::abs(texels[0][i] - texels[1][i]));
   EXPECT_LE(worst_height, 1);
   EXPECT_LE(worst_texel, 1);
+}
+
+// Rays are faster where patches have few triangles: a large scan is rasterised over a base of few patches only.
+TEST(LineRasteriser, rayedWherePatchesHaveFewTriangles) {
+  const TriMesh mesh = starMesh(bumps, 24);
+  const BaseMesh base = sphereBase(9.8, 2);
+  const size_t a_patch = mesh.triangles.size() / base.patches.size();
+  for (const size_t more : {0, 1}) {
+    auto scene =
+        makeBakeScene(mesh, {.rasterise_from_triangles = 0, .rasterise_from_per_patch = a_patch + more, .workers = 1});
+    ASSERT_TRUE(scene);
+    const RayScene& rays = *scene->rays;
+    auto made = MeshBake::create(mesh, {}, base, {.cells_log2 = 3, .fit = false, .workers = 1}, std::move(*scene));
+    ASSERT_TRUE(made);
+    EXPECT_EQ(rays.builds(), more ? rays.regions() : 0u);
+  }
 }
 
 }  // namespace line_rasteriser_test

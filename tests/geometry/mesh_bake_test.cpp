@@ -663,7 +663,7 @@ TEST(MeshBake, coloursHaveNoStepsBetweenBandsOfRows) {
     for (int i = 0; i <= kCells; ++i) mesh.colours.push_back(glm::u8vec3(4 * j, 240 - 4 * j, 4 * i));
   for (const size_t rasterise_from : {size_t{0}, ~size_t{0}}) {
     for (int depth : {1, 2}) {  // a sample for each texel, and for every other one
-      auto scene = makeBakeScene(mesh, {.rasterise_from_triangles = rasterise_from});
+      auto scene = makeBakeScene(mesh, {.rasterise_from_triangles = rasterise_from, .rasterise_from_per_patch = 0});
       ASSERT_TRUE(scene);
       auto baked =
           MeshBake::create(mesh, {}, sheetBase(10, 10, 1, 1), {.cells_log2 = 4, .texture_depth = depth}, *scene);
@@ -1091,6 +1091,45 @@ TEST(MeshBake, degenerateBasesGiveNumbers) {
       }
     }
   }
+}
+
+// Colours that whole triangles have meet without a mix of them, and where they do on the scan, though texels are
+// interpolated from a coarser grid.
+TEST(MeshBake, paletteColoursDoNotMix) {
+  constexpr double kBorder = 4.5;  // between two of the samples that texels are interpolated from
+  constexpr size_t kTexels = 512, kPlane = kTexels * kTexels;
+  TriMesh mesh = sheetMesh(10, 10, 20, 20, [](double x, double) { return 0.1 * std::sin(x); });
+  for (const auto& t : mesh.triangles) {
+    const float middle = (mesh.positions_mm[t[0]].x + mesh.positions_mm[t[1]].x + mesh.positions_mm[t[2]].x) / 3;
+    mesh.corner_uv.push_back({});
+    mesh.corner_uv.back().fill(glm::vec2(middle < kBorder ? 0.25f : 0.75f, 0.5f));
+  }
+  const std::vector<uint8_t> colours{200, 40, 0, 20, 220, 0};
+  // Between red and green, and texels of the wrong one.
+  auto count = [&](const TriMesh& scan, const MeshBake::Image& image) {
+    std::array<size_t, 2> mixed_wrong{};
+    auto baked = bake(scan, sheetBase(10, 10, 1, 1), {.cells_log2 = 4, .texture_depth = 2}, image);
+    std::vector<uint8_t> out(6 * kPlane);
+    EXPECT_TRUE(baked && baked->texels(0, out));
+    for (size_t i = 0; i < kPlane; ++i) {
+      const bool red = std::abs(out[i] - 200) <= 1, green = std::abs(out[i] - 20) <= 1;
+      mixed_wrong[0] += !red && !green;
+      const double x = 10 * (static_cast<double>(i % kTexels) + 0.5) / kTexels;
+      if (std::abs(x - kBorder) > 10.0 / kTexels) mixed_wrong[1] += x < kBorder ? !red : !green;
+    }
+    return mixed_wrong;
+  };
+  const MeshBake::Image image{.width = 2, .height = 1, .texels = colours};
+  mesh.palette = {{200, 40, 0}, {20, 220, 0}};
+  EXPECT_EQ(count(mesh, image), (std::array<size_t, 2>{0, 0}));
+  // Control: vertices' colours are interpolated from the same grid.
+  TriMesh control = mesh;
+  control.corner_uv.clear();
+  control.palette.clear();
+  for (const glm::vec3& p : control.positions_mm) control.colours.push_back(mesh.palette[p.x < kBorder ? 0 : 1]);
+  const auto control_counts = count(control, {});
+  EXPECT_GT(control_counts[0], kTexels);
+  EXPECT_GT(control_counts[1], kTexels);
 }
 
 }  // namespace mesh_bake_test

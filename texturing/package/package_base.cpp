@@ -160,6 +160,9 @@ std::vector<uint8_t> packBaseSection(std::span<const uint8_t> section, int zstd_
   storeLittle(out.data(), corners);
   const std::unique_ptr<ZSTD_CCtx, size_t (*)(ZSTD_CCtx*)> context(ZSTD_createCCtx(), ZSTD_freeCCtx);
   ZSTD_CCtx_setParameter(context.get(), ZSTD_c_compressionLevel, zstd_level);
+  // Without the size its tables would be those of gigabytes, 90 MiB.
+  ZSTD_CCtx_setParameter(context.get(), ZSTD_c_contentSizeFlag, 0);
+  ZSTD_CCtx_setPledgedSrcSize(context.get(), section.size());
   ZSTD_outBuffer to{out.data(), out.size(), 4};
   auto compress = [&](ZSTD_EndDirective how) {
     ZSTD_inBuffer from{planes.data(), planes.size(), 0};
