@@ -110,7 +110,7 @@ Error invalid(uint32_t patch, const std::string& what) {
 // ---- what is known of a patch's relief ----
 // In a compact package bounds are rounded, away from what they bound, to few values: they take far fewer bytes so, and
 // are hardly larger.
-constexpr int kMantissaBits = 5, kShareSteps = 15, kShapeSteps = 7;
+constexpr int kMantissaBits = 7, kShareSteps = 15, kShapeSteps = 7;
 // The next number away from 0 (up) or towards it that has so many bits behind the point.
 float rounded(float v, bool up) {
   constexpr uint32_t kBelow = (1u << (23 - kMantissaBits)) - 1;
