@@ -230,7 +230,7 @@ void addRenderCommand(CLI::App& app, CommandContext& context) {
   c->add_flag("--allow-damage", o->allow_damage,
               "Draw what is there, and stand-ins where pages are damaged or cannot be read: a warning in the place of "
               "exit code 3 or 2");
-  c->add_option("--timeout", o->timeout_s, "Give up settling after this time, s")
+  c->add_option("--timeout", o->timeout_s, "Give up settling after this time, s; at once where the view needs more than --cache-mib holds")
       ->check(CLI::Range(0.1, 86400.0))
       ->capture_default_str();
   c->add_option("--frames", o->frames,
