@@ -92,14 +92,15 @@ Result<void> view(ViewOptions& o) {
   o.viewer.snapshot_stem = path.stem().string();
   o.viewer.width_px = static_cast<int>(size->first);
   o.viewer.height_px = static_cast<int>(size->second);
-  o.viewer.scene = *scene;
+  o.viewer.animation = o.scene.animation;
+  o.viewer.scene = sceneAt(o.viewer.animation, *scene, 0);
   using ExactStill = ViewerOptions::ExactStill;
   o.viewer.exact_still = o.exact_still == "on"    ? ExactStill::kOn
                          : o.exact_still == "off" ? ExactStill::kOff
                                                   : ExactStill::kAuto;
   o.viewer.engine = o.scene.engineOptions();
   o.viewer.camera = [&](const Extent& extent, int width_px, int height_px) {
-    return o.scene.camera(extent, width_px, height_px);
+    return o.scene.cameraAt(extent, width_px, height_px, 0);
   };
   o.viewer.scene_text = [&](const OrbitCamera& camera, const Scene& shown, int width_px, int height_px) {
     return snapshotScene(o, camera, shown, width_px, height_px);
@@ -116,7 +117,8 @@ void addViewCommand(CLI::App& app, CommandContext& context) {
       "Left drag turns about the point under the mouse, middle drag (or Shift + left drag) moves it, the wheel zooms "
       "to it; the eye\n"
       "stays outside of the artwork. Right drag (or L held) moves the light, of several the first that is far away. O "
-      "goes over to\nan orthographic view and back. R resets, A ambient occlusion, "
+      "goes over to\nan orthographic view and back. Space plays or pauses a scene that moves. R resets, A ambient "
+      "occlusion, "
       "W wireframe, P pages, S writes a snapshot and its scene into the current folder, F1 help, F2 figures, Esc "
       "quits. Without a "
       "display, use relievo render.\n\n"

@@ -22,6 +22,7 @@ constexpr const char* kHelp[][2] = {{"Left drag", "turn about the point under th
                                     {"Wheel", "zoom to the point under the mouse"},
                                     {"Right drag, L + move", "light"},
                                     {"O", "orthographic (one scale everywhere) or perspective"},
+                                    {"Space", "play or pause a scene that moves"},
                                     {"R", "reset camera and light"},
                                     {"A", "ambient occlusion: joints and folds darker"},
                                     {"W", "wireframe"},
@@ -85,6 +86,10 @@ std::string hudLine(const HudState& s) {
   }
   if (s.mm_per_px > 0) {
     std::snprintf(text, sizeof text, s.size_known ? "   %.4g mm a px" : "   %.4g px of the artwork a px", s.mm_per_px);
+    line += text;
+  }
+  if (s.duration_s > 0) {
+    std::snprintf(text, sizeof text, "   %.1f of %.1f s, %s", s.time_s, s.duration_s, s.playing ? "playing" : "paused");
     line += text;
   }
   if (s.unlit) line += "   " + (s.shading.empty() ? "unlit" : s.shading);

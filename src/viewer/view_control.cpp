@@ -273,6 +273,27 @@ void ViewControl::turn(double azimuth_deg, double elevation_deg) {
   keepNearPlane();
 }
 
+void ViewControl::show(const OrbitCamera& camera, const std::vector<SceneLight>& lights) {
+  view_.camera = camera;
+  view_.lights = lights;
+  if (const SceneLight* held = heldLight()) {
+    const auto& [x, y, z] = held->place;
+    const double length = std::hypot(x, y, z);
+    view_.light = {x / length, y / length, z / length};
+  }
+}
+
+SceneLight* ViewControl::heldLight() {
+  const SceneLight* far = firstFarLight(view_.lights);
+  return far ? &view_.lights[static_cast<size_t>(far - view_.lights.data())] : nullptr;
+}
+
+void ViewControl::moveLight(double dx, double dy) {
+  const double radius_px = 0.5 * std::min(width_px_, height_px_);
+  view_.light = lightAt(view_.light[0] + dx / radius_px, view_.light[1] - dy / radius_px);
+  if (SceneLight* held = heldLight()) held->place = view_.light;
+}
+
 void ViewControl::drag(double x, double y) {
   const double dx = x - x_, dy = y - y_;
   switch (mode_) {
@@ -284,11 +305,9 @@ void ViewControl::drag(double x, double y) {
     case Mode::kPan:
       pan(x, y);
       break;
-    case Mode::kLight: {
-      const double radius_px = 0.5 * std::min(width_px_, height_px_);
-      view_.light = lightAt(view_.light[0] + dx / radius_px, view_.light[1] - dy / radius_px);
+    case Mode::kLight:
+      moveLight(dx, dy);
       break;
-    }
   }
 }
 
@@ -297,12 +316,14 @@ bool ViewControl::handle(const gl::Event& e) {
   switch (e.kind) {
     case EventKind::kMouseMove: {
       const bool moved = mode_ != Mode::kNone;
+      if (moved) playing = false;
       drag(e.x, e.y);
       x_ = e.x;
       y_ = e.y;
       return moved;
     }
     case EventKind::kMouseDown:
+      playing = false;
       x_ = e.x;
       y_ = e.y;
       if (e.button == gl::MouseButton::kRight) beginDrag(Mode::kLight);
@@ -313,6 +334,7 @@ bool ViewControl::handle(const gl::Event& e) {
       mode_ = light_key_ ? Mode::kLight : Mode::kNone;
       return true;
     case EventKind::kScroll:
+      playing = false;
       zoom(e.y);
       return true;
     case EventKind::kResize:
@@ -339,7 +361,10 @@ bool ViewControl::handle(const gl::Event& e) {
     show_pages = !show_pages;
   } else if (e.key == "A") {
     occlusion = !occlusion;
+  } else if (e.key == "Space") {
+    playing = animated && !playing;
   } else if (e.key == "O") {
+    playing = false;
     OrbitCamera& c = view_.camera;
     c.orthographic = !c.orthographic;
     // Orthographic views zoom in without moving an eye, which may be anywhere.
@@ -347,6 +372,7 @@ bool ViewControl::handle(const gl::Event& e) {
     keepNearPlane();
     grabbed_ = grabbed_ && pointUnder(c, x_, y_, grabbed_mm_.z, &grabbed_mm_);
   } else if (e.key == "R") {
+    playing = false;
     view_ = start_;
     keepNearPlane();
     grabbed_ = false;

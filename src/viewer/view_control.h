@@ -3,6 +3,7 @@
 //   middle, shift+left  pans: the grabbed point stays under the mouse
 //   wheel               zooms: the point under the mouse stays there
 //   right drag, L+move  moves the light
+//   Space               plays or pauses what moves by itself; a hand on camera or light pauses it
 //   O                   switches between perspective and orthographic; the target keeps its size and place
 //   A                   switches ambient occlusion
 //   W, P                switch the wireframe and the page overlay
@@ -18,7 +19,9 @@
 #include <functional>
 #include <optional>
 #include <utility>
+#include <vector>
 
+#include "src/engine/effects/lights.h"
 #include "src/engine/eye_guard.h"
 #include "src/gl/window.h"
 #include "src/render/camera.h"
@@ -30,6 +33,8 @@ class ViewControl {
   struct View {
     OrbitCamera camera;
     std::array<double, 3> light{0, 0, 1};  // unit, z > 0
+    // The scene's, in its place; the first that is far away is at `light`.
+    std::vector<SceneLight> lights;
   };
   static constexpr double kMaxTiltDeg = 85;
   static constexpr double kWheelFactor = 0.85;  // of the distance, a step
@@ -50,13 +55,19 @@ class ViewControl {
   bool setGuard(const EyeGuard* guard);
 
   const View& view() const { return view_; }
+  // The view of a moment of what moves by itself, as it is.
+  void show(const OrbitCamera& camera, const std::vector<SceneLight>& lights);
   bool draggingLight() const { return mode_ == Mode::kLight; }
   bool occlusion = false, wireframe = false, show_pages = false, help = false, figures = false;
+  bool animated = false, playing = false;  // does anything move by itself; is it moving
   bool quit = false;
   bool takeSnapshotRequest() { return std::exchange(snapshot_requested_, false); }
 
  private:
   enum class Mode { kNone, kOrbit, kPan, kLight };
+  // The one of view().lights that the mouse moves; null: view().light alone.
+  SceneLight* heldLight();
+  void moveLight(double dx, double dy);
   void beginDrag(Mode mode);
   void drag(double x, double y);
   void turn(double azimuth_deg, double elevation_deg);

@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <chrono>
+#include <cmath>
 #include <cstdio>
 #include <deque>
 #include <filesystem>
@@ -110,7 +111,7 @@ class ViewLoop {
 
  private:
   // Frames follow one another; else events are waited for.
-  bool busy(double now) const { return options_.frames > 0 || !calm(now) || refining(now); }
+  bool busy(double now) const { return options_.frames > 0 || control_.playing || !calm(now) || refining(now); }
   bool calm(double now) const {
     return calm_frames_ >= kCalmFrames * options_.engine.feedback_interval &&
            now >= changed_at_ + (shown_.missing_pages > 0 || switching_ ? kCalmMissingS : kCalmS);
@@ -120,6 +121,8 @@ class ViewLoop {
     return lacks_samples_ && calm(now) && now >= changed_at_ + options_.scene.page_fade_s;
   }
   bool takeEvents(bool busy);
+  // The next moment of what moves by itself. True: something did.
+  bool play(double now);
   // Is there anything to draw? Notes what the head-up display shows of it.
   bool toDraw(double now, bool busy, bool changed);
   Scene sceneAt(double now);
@@ -159,6 +162,8 @@ class ViewLoop {
                                                     : std::nullopt;
   std::array<uint64_t, 6> progress_{};
   OrbitCamera camera_;  // of the last frame
+  const OrbitCamera start_camera_ = control_.view().camera;
+  double play_s_ = 0, played_at_ = nowSeconds();  // of the animation; when that was, by the clock
   FrameMeter meter_;
   HudState shown_;
 };
@@ -171,6 +176,15 @@ bool ViewLoop::takeEvents(bool busy) {
   }
   for (const gl::Event& e : busy ? window_.pollEvents() : window_.waitEvents(kIdleWaitS)) changed |= control_.handle(e);
   return changed;
+}
+
+bool ViewLoop::play(double now) {
+  const double before = std::exchange(played_at_, now);
+  if (!control_.playing) return false;
+  play_s_ = std::fmod(play_s_ + now - before, options_.animation.duration_s);
+  control_.show(cameraAt(options_.animation, start_camera_, window_.height(), play_s_),
+                relievo::sceneAt(options_.animation, options_.scene, play_s_).lights);
+  return true;
 }
 
 bool ViewLoop::toDraw(double now, bool busy, bool changed) {
@@ -200,8 +214,7 @@ Scene ViewLoop::sceneAt(double now) {
   if (exact_still_ && !moving_) wanted.least_cell = 0;
   if (frame_time_ && moving_) wanted = frame_time_->spend(wanted);
   wanted.light = control_.view().light;
-  if (const SceneLight* turned = firstFarLight(wanted.lights))
-    wanted.lights[static_cast<size_t>(turned - wanted.lights.data())].place = wanted.light;
+  wanted.lights = control_.view().lights;
   if (!control_.occlusion) wanted.ambient_occlusion = {};
   else if (!wanted.ambient_occlusion.isOn()) wanted.ambient_occlusion.strength = kUsualOcclusion;
   wanted.wireframe = control_.wireframe;
@@ -262,6 +275,9 @@ void ViewLoop::drawHud(const EngineStats& stats) {
   shown_.predicted_error_px = stats.predicted_error_px;
   shown_.mm_per_px = stats.orthographic ? stats.mm_per_px : 0;
   shown_.size_known = stats.size_known;
+  shown_.duration_s = options_.animation.duration_s;
+  shown_.time_s = play_s_;
+  shown_.playing = control_.playing;
   shown_.figures.reset();
   if (control_.figures) shown_.figures = hudFigures(stats, engine_.manifest());
   engine_.present(window_.width(), window_.height());
@@ -278,7 +294,8 @@ Result<void> ViewLoop::run() {
       continue;
     }
     const double now = nowSeconds();
-    if (!toDraw(now, busy_now, changed)) continue;
+    const bool moved = play(now);
+    if (!toDraw(now, busy_now, changed || moved)) continue;
     auto stats = drawScene(now);
     if (!stats) return stats.error();
     noteProgress(*stats, now);
@@ -319,6 +336,7 @@ Result<void> runViewer(Artwork artwork, const ViewerOptions& options) {
 
   ViewControl::View start;
   start.light = options.scene.light;
+  start.lights = options.scene.lights;
   Result<OrbitCamera> camera = options.camera ? options.camera(extent, window.width(), window.height())
                                               : fitCamera(extent, window.width(), window.height());
   if (!camera) return camera.error();
@@ -326,6 +344,7 @@ Result<void> runViewer(Artwork artwork, const ViewerOptions& options) {
   ViewControl control(extent, start, window.width(), window.height(),
                       {[&](double x, double y) { return engine.surfacePoint(x, y); }});
   control.occlusion = options.scene.ambient_occlusion.isOn();
+  control.animated = control.playing = options.animation.isOn();
   control.wireframe = options.scene.wireframe;
   control.show_pages = options.scene.overlay == &kPagesEffect;
 

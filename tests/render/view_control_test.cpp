@@ -261,6 +261,40 @@ TEST(ViewControl, KeysToggleResetAndQuit) {
   EXPECT_TRUE(control.quit);
 }
 
+TEST(ViewControl, AHandStopsWhatMovesByItself) {
+  ViewControl control(extentOf(artwork()), startView(), kWidth, kHeight);
+  Hand hand{control};
+  hand.press("Space");
+  EXPECT_FALSE(control.playing) << "nothing moves";
+  control.animated = true;
+  const auto stops = [&](auto&& act) {
+    hand.press("Space");
+    EXPECT_TRUE(control.playing);
+    hand.to(10, 10);
+    hand.press("W");
+    EXPECT_TRUE(control.playing) << "that is no hand on camera or light";
+    act();
+    EXPECT_FALSE(control.playing);
+  };
+  stops([&] { hand.press("Space"); });
+  stops([&] { hand.wheel(1); });
+  stops([&] { hand.drag(MouseButton::kLeft, 10, 10, 50, 50); });
+  stops([&] { hand.drag(MouseButton::kRight, 10, 10, 50, 50); });
+  stops([&] { hand.press("O"); });
+  stops([&] { hand.press("R"); });
+  stops([&] { hand.press("L"), hand.to(60, 60), hand.release("L"); });
+  OrbitCamera camera = startView().camera;
+  camera.azimuth_deg = 200;
+  SceneLight near{.near = true, .place = {1, 2, 3}}, far{.place = {0, 3, 4}};
+  control.show(camera, {near, far});
+  EXPECT_EQ(control.view().camera, camera) << "as it is";
+  EXPECT_EQ(control.view().light, (std::array{0.0, 0.6, 0.8}));
+  hand.drag(MouseButton::kRight, 10, 10, 50, 10);
+  EXPECT_EQ(control.view().lights[0], near);
+  EXPECT_NEAR(control.view().lights[1].place[0], 0.1, 1e-12);
+  EXPECT_EQ(control.view().lights[1].place, control.view().light);
+}
+
 // ---- surfaces: what is known of them analytically, seen along exact rays
 
 // Of a place of the picture on the screen: the ray's origin and direction.
