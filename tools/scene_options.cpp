@@ -121,16 +121,17 @@ void SceneOptions::addLight(CLI::App& c) {
   c.add_option(
        "--light-size", light_size_deg,
        "Angular diameter of --light, degrees, which makes --shadows soft (the sun: 0.53); of --lights each has a "
-       "size_deg. A camera that moves shows hard ones; 0: they are hard")
+       "size_deg, near ones a size_mm. A camera that moves shows hard ones; 0: they are hard")
       ->check(CLI::Range(0.0, kMaxLightSizeDeg))
       ->capture_default_str();
   c.add_flag(
       "--no-relight", no_relight,
       "Fixed light: coefficients are resolved once per page, not per pixel and frame (of --lights the directions "
       "alone are fixed)");
-  c.add_flag("--shadows", shadows,
-             "The relief casts shadows on itself, up to the border of what is drawn, in each light that is far away; "
-             "near lights cast none. Over a PTM they come beside those that were measured: they are simulated");
+  c.add_flag(
+      "--shadows", shadows,
+      "The relief casts shadows on itself, up to the border of what is drawn, in each light. Over a PTM they come "
+      "beside those that were measured: they are simulated");
   c.add_flag("--unlit", unlit,
              "Colour as it is, without a light: of an image with a height map, which is lit by its relief otherwise, "
              "and of a scan");

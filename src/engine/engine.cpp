@@ -126,6 +126,7 @@ struct Engine::Impl {
             .average = plan.samples > 1,
             .normals = plan.drawsNormals(),
             .shadow_sums = plan.soft_shadows || plan.ambient_occlusion,
+            .shadow_adds = plan.soft_near,
             .faults = faults};
   }
   Result<void> fitsCache() const;

@@ -37,6 +37,7 @@ TEST(SceneFiles, ComeBackAsTheyWereWritten) {
       if (some()) light.color = {number(0, 1), 0.1, 1};
       if (light.near && some()) light.reference_mm = number(1e-3, 1e6);
       if (!light.near && some()) light.size_deg = number(0, 90);
+      if (light.near && some()) light.size_mm = number(0, 90);
       s.lights.push_back(light);
     }
     if (some()) {
@@ -108,7 +109,8 @@ TEST(SceneFiles, AreRefusedNamingWhatIsWrong) {
       {kHead + R"(, "lights": [{},{},{},{},{}]})", "a list of 1 to 4 objects for 'lights'"},
       {kHead + R"(, "lights": [{}, 3]})", "expected an object for 'lights[1]'"},
       {kHead + R"(, "lights": [{}, {"colour": [1, 1, 1]}]})",
-       "there is no 'lights[1].colour'; known are towards, size_deg, position_mm, reference_mm, intensity, color, "
+       "there is no 'lights[1].colour'; known are towards, size_deg, position_mm, size_mm, reference_mm, intensity, "
+       "color, "
        "keys"},
       {kHead + R"(, "lights": [{"position_mm": [0, 0, 1], "size_deg": 1}]})", "'lights[0].size_deg' needs"},
       {kHead + R"(, "light": {"size_deg": 91}})", "from 0 to 90 for 'light.size_deg'"},

@@ -56,7 +56,7 @@ JsonMembers effectMembers(SceneFile& s, std::vector<std::optional<double>>& valu
 // A light as it is written.
 struct LightMembers {
   std::optional<std::array<double, 3>> towards, position_mm, color;
-  std::optional<double> size_deg, intensity, reference_mm;
+  std::optional<double> size_deg, size_mm, intensity, reference_mm;
   std::vector<LightKeyMembers> keys;
 };
 // Lights while they are read.
@@ -78,11 +78,16 @@ JsonMember lightsMember(LightList& to) {
                                    "soft these are [0: hard]",
                                    0, kMaxLightSizeDeg, l.size_deg);
     size.beside = "towards";
+    JsonMember diameter =
+        numberMember("size_mm", "Of a near light, its diameter, mm: with light.shadows how soft these are [0: hard]", 0,
+                     kFarthestMm, l.size_mm);
+    diameter.beside = "position_mm";
     return {tripleMember("towards", "Towards a light that is far away: right, up, to the viewer [0, 0, 1]", -1e9, 1e9,
                          l.towards),
             std::move(size),
             tripleMember("position_mm", "In its place, where a near light is, mm from the artwork's origin",
                          -kFarthestMm, kFarthestMm, l.position_mm),
+            std::move(diameter),
             std::move(reference),
             numberMember("intensity", "Times this, in linear light [1]", 0, kMaxLightIntensity, l.intensity),
             tripleMember("color", "Red, green, blue of its light, linear [1, 1, 1]", 0, 1, l.color),
@@ -120,6 +125,7 @@ std::vector<SceneLight> lightsOf(const LightList& list) {
     light.intensity = l.intensity.value_or(light.intensity);
     light.color = l.color.value_or(light.color);
     light.size_deg = l.size_deg.value_or(light.size_deg);
+    light.size_mm = l.size_mm.value_or(light.size_mm);
     light.reference_mm = l.reference_mm.value_or(light.reference_mm);
     lights.push_back(light);
   }
@@ -129,6 +135,7 @@ std::vector<SceneLight> lightsOf(const LightList& list) {
 Json jsonOf(const SceneLight& light) {
   Json json = {{light.near ? "position_mm" : "towards", light.place}};
   if (!light.near && light.size_deg != 0) json["size_deg"] = light.size_deg;
+  if (light.near && light.size_mm != 0) json["size_mm"] = light.size_mm;
   if (light.near && light.reference_mm != 0) json["reference_mm"] = light.reference_mm;
   if (light.intensity != 1) json["intensity"] = light.intensity;
   if (light.color != SceneLight{}.color) json["color"] = light.color;
@@ -249,7 +256,7 @@ JsonMembers sceneMembers(SceneFile& s, SceneParts& parts) {
               {tripleMember("towards", "Towards the light: right, up, to the viewer", -1e9, 1e9, s.light),
                boolMember("fixed", "It stays: coefficients are resolved once a page; of lights the directions stay",
                           s.light_fixed),
-               boolMember("shadows", "The relief casts shadows on itself, in each light that is far away", s.shadows),
+               boolMember("shadows", "The relief casts shadows on itself, in each light", s.shadows),
                numberMember("size_deg",
                             "The light's angular diameter, degrees: how soft its shadows are; 0: hard. Of lights each "
                             "has its own",
@@ -447,8 +454,9 @@ std::string lightText(const SceneLight& light, const glm::dvec3& middle_mm) {
     std::snprintf(text, sizeof text, "far away, towards %g %g %g, intensity %g, color %g %g %g", p[0], p[1], p[2],
                   light.intensity, light.color[0], light.color[1], light.color[2]);
   std::string all = text;
-  if (!light.near && light.size_deg > 0) {
-    std::snprintf(text, sizeof text, ", %g degrees wide", light.size_deg);
+  if (light.isSoft()) {
+    std::snprintf(text, sizeof text, light.near ? ", %g mm wide" : ", %g degrees wide",
+                  light.near ? light.size_mm : light.size_deg);
     all += text;
   }
   return all;
