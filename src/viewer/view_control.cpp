@@ -19,6 +19,12 @@ std::array<double, 3> lightAt(double x, double y) {
   return {x, y, std::sqrt(std::max(0.0, 1 - x * x - y * y))};
 }
 
+// The light that the mouse moves at first.
+size_t firstHeld(const std::vector<SceneLight>& lights) {
+  const SceneLight* far = firstFarLight(lights);
+  return far ? static_cast<size_t>(far - lights.data()) : 0;
+}
+
 // A camera moved and scaled so that all of it is `scale` times as far from a point; its direction stays.
 OrbitCamera scaledAbout(const OrbitCamera& camera, const glm::dvec3& point_mm, double scale) {
   OrbitCamera c = camera;
@@ -69,6 +75,7 @@ ViewControl::ViewControl(const Extent& extent, const View& start, int width_px, 
   // Less than the least distance to the point that is looked at, so that a surface at a slant beside it does not keep
   // the eye away.
   clear_mm_ = 0.25 * min_distance_mm_;
+  start_.held = firstHeld(start_.lights);
   view_ = start_;
   setGuard(surface_.guard);
 }
@@ -275,20 +282,25 @@ void ViewControl::turn(double azimuth_deg, double elevation_deg) {
 
 void ViewControl::show(const OrbitCamera& camera, const std::vector<SceneLight>& lights) {
   view_.camera = camera;
+  if (lights.size() != view_.lights.size()) view_.held = firstHeld(lights);
   view_.lights = lights;
-  if (const SceneLight* held = heldLight()) {
-    const auto& [x, y, z] = held->place;
-    const double length = std::hypot(x, y, z);
-    view_.light = {x / length, y / length, z / length};
-  }
+  takeHeldDirection();
 }
 
-SceneLight* ViewControl::heldLight() {
-  const SceneLight* far = firstFarLight(view_.lights);
-  return far ? &view_.lights[static_cast<size_t>(far - view_.lights.data())] : nullptr;
+void ViewControl::takeHeldDirection() {
+  const SceneLight* held = heldLight();
+  if (!held || held->near) return;
+  const auto& [x, y, z] = held->place;
+  const double length = std::hypot(x, y, z);
+  view_.light = {x / length, y / length, z / length};
 }
 
 void ViewControl::moveLight(double dx, double dy) {
+  if (SceneLight* held = heldLight(); held && held->near) {
+    const glm::dvec3 way = worldFromCamera(view_.camera) * glm::dvec3(dx, -dy, 0) * mmPerPx(view_.camera, height_px_);
+    held->place = {held->place[0] + way.x, held->place[1] + way.y, held->place[2] + way.z};
+    return;
+  }
   const double radius_px = 0.5 * std::min(width_px_, height_px_);
   view_.light = lightAt(view_.light[0] + dx / radius_px, view_.light[1] - dy / radius_px);
   if (SceneLight* held = heldLight()) held->place = view_.light;
@@ -361,6 +373,17 @@ bool ViewControl::handle(const gl::Event& e) {
     show_pages = !show_pages;
   } else if (e.key == "A") {
     occlusion = !occlusion;
+  } else if (e.key == "N") {
+    if (!view_.lights.empty()) view_.held = (view_.held + 1) % view_.lights.size();
+    takeHeldDirection();
+  } else if (e.key == "M") {
+    const auto now = std::find(shadings.begin(), shadings.end(), shading);
+    const auto next = now == shadings.end() ? shadings.begin() : now + 1;
+    shading = next == shadings.end() ? ReliefShading::Kind::kNone : *next;
+  } else if (e.key == "H") {
+    shadows = !shadows;
+  } else if (e.key == "G") {
+    gloss = !gloss;
   } else if (e.key == "Space") {
     playing = animated && !playing;
   } else if (e.key == "O") {

@@ -73,6 +73,10 @@ TEST(Hud, LineNamesTheFigures) {
   EXPECT_TRUE(hudLine(s).ends_with("   unlit"));
   s.shading = "slope";
   EXPECT_TRUE(hudLine(s).ends_with(" px   slope"));
+  s = {.shadows = true, .gloss = true};
+  EXPECT_TRUE(hudLine(s).ends_with(" px   shadows, gloss"));
+  s = {.unlit = true, .ambient_occlusion = true};
+  EXPECT_TRUE(hudLine(s).ends_with(" px   unlit, ambient occlusion"));
 }
 
 TEST(Hud, DrawsInItsCornerAndNowhereElse) {

@@ -210,6 +210,32 @@ cmp stone-0003.png lights.png || fail "the scene of several lights is another pi
 if cmp -s lights.png one-light.png; then fail "the control has one light"; fi
 rm stone-0003.png stone-0003.json
 
+# Keys choose shading and effects, and which light a drag moves; the scene beside the picture says so, and draws it. (Hysteresis remembers the
+# triangles of what was shown before, which a scene does not.)
+start --exact-still on --hysteresis 0 --lights '[{"towards":[-0.6,0,0.8]},{"position_mm":[-100,60,90]}]'
+for key in h g n; do xdotool key "$key"; done
+xdotool mousemove 300 200
+drag 3 60 -40
+sleep 2
+snapshot stone-0003.png
+xdotool key m
+sleep 2
+snapshot stone-0004.png
+finish
+grep -q '"shadows": true' stone-0003.json || fail "H did not turn shadows on: $(cat stone-0003.json)"
+grep -q '"reflectance": 0.04' stone-0003.json || fail "G did not turn gloss on: $(cat stone-0003.json)"
+grep -q shading stone-0003.json && fail "the scene has a shading: $(cat stone-0003.json)"
+grep -q '"kind": "slope"' stone-0004.json || fail "M did not show the slope: $(cat stone-0004.json)"
+tr -d ' \n' <stone-0003.json | grep -q '"towards":\[-0.6,0.0,0.8\]' || fail "the drag moved the other light: $(cat stone-0003.json)"
+tr -d ' \n' <stone-0003.json | grep -q '"position_mm":\[-100' && fail "the drag moved no near light: $(cat stone-0003.json)"
+for picture in stone-0003 stone-0004; do
+  "$program" render $picture.json -o shown.png
+  cmp $picture.png shown.png || fail "the scene is another picture: $(cat $picture.json)"
+done
+"$program" render stone-0003.json --light 0,0,1 -o other.png
+if cmp -s stone-0003.png other.png; then fail "the control has one light"; fi
+rm stone-000[34].png stone-000[34].json
+
 # What moves by itself plays at once; Space pauses it, and S writes that moment, which does not move.
 cat >film.json <<'END'
 {"format": "relievo-scene", "version": 1, "artwork": "stone.relievo", "camera": {"elevation_deg": 10},
