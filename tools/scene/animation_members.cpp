@@ -64,11 +64,11 @@ std::string problemOfTimes(const Keys& keys, const std::string& name, std::optio
 }  // namespace
 
 JsonMember cameraPathMember(std::vector<CameraKeyMembers>& to) {
-  return keysMember("camera_path", "The camera moves: where it is at times; what keys leave out is as in camera", to,
+  return keysMember("camera_path", "The camera moves: where it is at times; what no key says is as in camera", to,
                     membersOf);
 }
 JsonMember lightKeysMember(std::vector<LightKeyMembers>& to) {
-  return keysMember("keys", "The light moves or changes: how it is at times; what keys leave out is as beside them", to,
+  return keysMember("keys", "The light moves or changes: how it is at times; what no key says is as beside them", to,
                     membersOf);
 }
 
