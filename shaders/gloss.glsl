@@ -75,7 +75,7 @@ vec3 glossed(vec3 colour, vec3 channels[PLANES]) {
 #ifdef LIGHTS
   vec3 light = vec3(0.0);
   for (int i = 0; i < LIGHTS; ++i)
-    light += g_arriving[i] * (highlight(normal, g_towards[i], viewer) * (i < kFarLights ? share[i] : 1.0));
+    light += g_arriving[i] * (highlight(normal, g_towards[i], viewer) * share[i]);
 #else
   vec3 light = vec3(highlight(normal, u_light, viewer) * share.r);
 #endif

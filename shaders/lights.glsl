@@ -58,7 +58,7 @@ void findFunctions(out vec4 functions[COEFFICIENTS]) {
 
 vec3 shade(vec3 channels[PLANES]) {
   findLights();
-  vec4 share = vec4(1.0);  // of each light that is far away
+  vec4 share = vec4(1.0);  // of each light
 #ifdef SHADOWS
   share = texelFetch(u_light_share, ivec2(gl_FragCoord.xy), 0);
 #endif
@@ -83,10 +83,10 @@ vec3 shade(vec3 channels[PLANES]) {
 #elif SHADING == RV_SHADING_COLOURS
     vec3 colour = vec3(sum[0][i], sum[1][i], sum[2][i]);
 #else
-    vec3 colour = underLight(channels, g_towards[i], i < kFarLights ? share[i] : 1.0);
+    vec3 colour = underLight(channels, g_towards[i], share[i]);
 #endif
 #if defined(SHADOWS) && SHADING != RV_SHADING_ALBEDO_NORMAL
-    if (i < kFarLights) colour *= shadeOf(share[i]);
+    colour *= shadeOf(share[i]);
 #endif
     light += linearFromSrgb(max(colour, 0.0) / 255.0) * g_arriving[i];
   }

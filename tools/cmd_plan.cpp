@@ -68,18 +68,18 @@ double refinedMs(Engine& engine) {
 void noteShares(ScenePlan& plan, bool flat, std::pair<int, int> size) {
   const EffectPlan& of = plan.whole.plan;
   if (!of.casts()) return;
-  std::vector<double> sizes;
-  if (of.shadows && of.lights == 0) sizes.push_back(singleLightSize(plan.scene));
-  if (of.shadows && of.lights > 0)
-    for (const SceneLight& light : shadedLights(plan.scene.lights))
-      if (!light.near) sizes.push_back(light.size_deg);
+  std::vector<SceneLight> casting;
+  if (of.shadows && of.lights == 0) casting.push_back({.size_deg = singleLightSize(plan.scene)});
+  if (of.shadows && of.lights > 0) casting = shadedLights(plan.scene.lights);
   size_t areas = of.ambient_occlusion ? 1 : 0;
   char text[120];
-  for (const double deg : sizes) {
-    if (deg == 0) continue;
+  for (const SceneLight& light : casting) {
+    if (!light.isSoft()) continue;
     ++areas;
-    std::snprintf(text, sizeof text, "a light of %g degrees: %d directions, a moving camera draws 1", deg,
-                  kLightDirections);
+    std::snprintf(text, sizeof text,
+                  light.near ? "a near light of %g mm: %d places, a moving camera draws 1"
+                             : "a light of %g degrees: %d directions, a moving camera draws 1",
+                  light.near ? light.size_mm : light.size_deg, kLightDirections);
     plan.areas.emplace_back(text);
   }
   if (of.ambient_occlusion) {
@@ -88,7 +88,7 @@ void noteShares(ScenePlan& plan, bool flat, std::pair<int, int> size) {
     plan.areas.emplace_back(text);
   }
   plan.shares_mib =
-      static_cast<double>(ShadowPass::bytes(size.first, size.second, sizes.size(), of.ambient_occlusion, areas)) /
+      static_cast<double>(ShadowPass::bytes(size.first, size.second, casting.size(), of.ambient_occlusion, areas)) /
       (1024 * 1024);
 }
 

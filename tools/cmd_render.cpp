@@ -22,6 +22,7 @@
 #include "tools/commands.h"
 #include "tools/frame_timing.h"
 #include "tools/output_files.h"
+#include "tools/picture_sequence.h"
 #include "tools/scene_options.h"
 #include "tools/source_options.h"
 
@@ -37,7 +38,9 @@ struct RenderOptions {
   std::string file, output, size, stats_file, background;
   bool settle = true, allow_damage = false;
   int frames = 0;
-  double timeout_s = 120;
+  double timeout_s = 120, fps = 0;
+  std::optional<double> time_s;
+  std::optional<NumberedName> numbered;  // of the pictures, where -o names several
   SceneOptions scene;
   SourceOptions source;
   ArtworkCache cache;
@@ -67,7 +70,7 @@ FrameTimes timeFrames(Engine& engine, const OrbitCamera& camera, int frames) {
   return ms;
 }
 
-// The size of the picture, px, and the camera that it is seen with.
+// The size of the picture, px, and the camera that it is seen with at --time.
 struct Sight {
   int width = 0, height = 0;
   OrbitCamera camera;
@@ -79,28 +82,74 @@ Result<Sight> sightOf(const RenderOptions& o, const Extent& extent, std::pair<in
     if (!all) return all.error();
     std::tie(sight.width, sight.height) = *all;
   }
-  auto camera = o.scene.camera(extent, sight.width, sight.height);
+  auto camera = o.scene.cameraAt(extent, sight.width, sight.height, o.time_s.value_or(0));
   if (!camera) return camera.error();
   sight.camera = *camera;
   return sight;
 }
 
+std::vector<double> pictureMoments(const RenderOptions& o) {
+  return momentsOf(o.scene.animation.duration_s, o.frames, o.fps);
+}
+
+Result<void> checkNumbered(const RenderOptions& o, const std::vector<NamedFile>& inputs) {
+  if (!o.numbered) return {};
+  const int count = static_cast<int>(pictureMoments(o).size());
+  for (const NamedFile& input : inputs)
+    if (!input.path.empty() && o.numbered->takesPlaceOf(input.path, count))
+      return usageError("a picture of -o " + o.output + " would take the place of " + input.option,
+                        "write to another file");
+  return {};
+}
+
 // Artwork and outputs, none of which may take another's place.
 Result<OpenedArtwork> openApart(const RenderOptions& o) {
-  if (auto good = checkOutputs({{"-o", o.output, Content::kPicture}, {"--stats", o.stats_file}},
-                               {{"FILE", o.file},
-                                {"the scene", o.scene.scene_file},
-                                {"--state", o.scene.state_file},
-                                {"--settings", o.scene.settings_file}});
-      !good)
+  const std::string output = o.numbered ? o.numbered->at(0) : o.output;
+  const std::vector<NamedFile> inputs{{"FILE", o.file},
+                                      {"the scene", o.scene.scene_file},
+                                      {"--state", o.scene.state_file},
+                                      {"--settings", o.scene.settings_file}};
+  if (auto good = checkOutputs({{"-o", output, Content::kPicture}, {"--stats", o.stats_file}}, inputs); !good)
     return good.error();
-  if (auto format = imageFormatOf(o.output); !format) return format.error();
+  if (auto good = checkNumbered(o, inputs); !good) return good.error();
+  if (auto format = imageFormatOf(output); !format) return format.error();
   auto artwork = openArtwork(o.file, o.cache);
   if (!artwork) return artwork.error();
   std::vector<NamedFile> named;
   for (const std::string& path : artwork->named_files) named.push_back({path + ", which FILE names", path});
-  if (auto good = checkApart({{"-o", o.output}, {"--stats", o.stats_file}}, named); !good) return good.error();
+  if (auto good = checkApart({{"-o", output}, {"--stats", o.stats_file}}, named); !good) return good.error();
+  if (auto good = checkNumbered(o, named); !good) return good.error();
   return artwork;
+}
+
+// --time, --fps, and --frames with several pictures, are of a scene that moves.
+Result<void> checkTimes(RenderOptions& o) {
+  const double duration_s = o.scene.animation.duration_s;
+  auto numbered = NumberedName::parse(o.output);
+  if (duration_s == 0) {
+    if (o.time_s || o.fps > 0 || (numbered && o.frames > 0))
+      return usageError("there is no scene with a duration: with a camera_path, or lights that have keys",
+                        "relievo plan --schema prints what a scene may say");
+    return {};
+  }
+  if (o.time_s && (!(*o.time_s >= 0) || *o.time_s > duration_s)) {
+    char text[120];
+    std::snprintf(text, sizeof text, "expected a --time from 0 to the scene's %g s, found %g", duration_s, *o.time_s);
+    return usageError(text);
+  }
+  if (!numbered) {
+    if (o.fps > 0)
+      return usageError("--fps writes several pictures, and -o names one", "for example -o frame-%04d.png");
+    return {};
+  }
+  if (o.time_s) return usageError("--time is of one picture, and -o " + o.output + " names several");
+  if (!o.stats_file.empty()) return usageError("--stats is of one picture, and -o " + o.output + " names several");
+  if ((o.fps > 0) == (o.frames > 0))
+    return usageError("-o " + o.output + " names several pictures: say how many", "--frames 100, or --fps 25");
+  if (o.fps > 0 && duration_s * o.fps >= kMaxPictures)
+    return usageError("--fps asks for more than " + std::to_string(kMaxPictures) + " pictures", "give less of it");
+  o.numbered = std::move(numbered);
+  return {};
 }
 
 // A scene in the artwork's place, and --settings.
@@ -121,10 +170,100 @@ void warnOfNothing(const Scene& scene, const EffectPlan& plan) {
     warn(std::string("--gloss changes nothing: ") + (scene.unlit ? "there is no light" : "no relief is shown"));
 }
 
+// What is drawn, and how.
+struct Work {
+  const RenderOptions& o;
+  const OpenedArtwork& artwork;
+  const Scene& scene;
+  const Extent& extent;
+  const Sight& sight;
+  const std::array<double, 3>& background;
+};
+
+Result<std::unique_ptr<Engine>> engineFor(const Work& w) {
+  auto engine = Engine::create(w.o.source.artwork(w.artwork.package), w.scene, w.o.scene.engineOptions());
+  if (engine) (*engine)->resize(w.sight.width, w.sight.height);
+  return engine;
+}
+
+// Camera and lights at a time.
+Result<void> setMoment(const Work& w, Engine& e, double time_s) {
+  auto camera = w.o.scene.cameraAt(w.extent, w.sight.width, w.sight.height, time_s);
+  if (!camera) return camera.error();
+  e.setCamera(*camera);
+  if (!w.o.scene.animation.isOn()) return {};
+  return e.setScene(sceneAt(w.o.scene.animation, w.scene, time_s));
+}
+
+Result<std::vector<uint8_t>> pictureOf(const Work& w, Engine& e) {
+  if (w.o.settle) {
+    if (auto settled = e.settle(w.o.timeout_s); !settled) return settled.error();
+  } else {
+    e.frame(steadyNow());
+  }
+  const auto& b = w.background;
+  return overBackground(e.readPixels(),
+                        {static_cast<uint8_t>(b[0]), static_cast<uint8_t>(b[1]), static_cast<uint8_t>(b[2])});
+}
+
+Result<void> checkDamage(const Work& w, const Engine& e) {
+  const PageFailures failures = e.failures();
+  if (failures.pages == 0) return {};
+  const Error error = drawnWithout(failures, e.stats(), w.o.file);
+  if (!w.o.allow_damage) return error;
+  warn(error.text());
+  return {};
+}
+
+Result<void> writePicture(const Work& w, const std::string& path, const OrbitCamera& camera,
+                          std::span<const uint8_t> rgb) {
+  return writeImage(path, w.sight.width, w.sight.height, 3, rgb,
+                    camera.orthographic && w.extent.size_known ? mmPerPx(camera, w.sight.height) : 0);
+}
+
+// Of what the scene asks for and this artwork has no use for.
+void warnOfLight(const Work& w, const Engine& e) {
+  const Scene& scene = w.scene;
+  if (!(w.o.scene.light.empty() && scene.lights.empty()) && !scene.unlit && !scene.shading.isOn() && !e.plan().lit())
+    warn(std::string(scene.lights.empty() ? "--light changes" : "lights change") + " nothing: an image " +
+         (w.artwork.package->manifest().domain.relief_depth < 0 ? "without a height map" : "without its relief") +
+         " is shown unlit");
+  warnOfNothing(scene, e.plan());
+}
+
+// Each picture is that of its moment alone: the engine's settled pictures do not depend on those before. Where the
+// cache is short of room they may, and the next picture gets another engine.
+Result<void> renderSequence(const Work& w) {
+  const std::vector<double> moments = pictureMoments(w.o);
+  std::unique_ptr<Engine> engine;
+  ProgressLine progress("render");
+  for (size_t i = 0; i < moments.size(); ++i) {
+    if (interruptedFlag()) return Error{.kind = ErrorKind::kInterrupted, .message = "interrupted"};
+    if (!engine) {
+      auto made = engineFor(w);
+      if (!made) return made.error();
+      engine = std::move(*made);
+    }
+    if (auto set = setMoment(w, *engine, moments[i]); !set) return set;
+    auto rgb = pictureOf(w, *engine);
+    if (!rgb) return rgb.error();
+    if (auto sound = checkDamage(w, *engine); !sound) return sound;
+    if (i == 0) warnOfLight(w, *engine);
+    for (const std::string& notice : engine->takeNotices()) warn(notice);
+    if (auto written = writePicture(w, w.o.numbered->at(static_cast<int>(i)), engine->camera(), *rgb); !written)
+      return written;
+    progress.update(static_cast<double>(i + 1) / static_cast<double>(moments.size()),
+                    "picture " + std::to_string(i + 1) + " of " + std::to_string(moments.size()));
+    if (engine->stats().detail_bias > 0) engine.reset();
+  }
+  return {};
+}
+
 Result<void> render(RenderOptions& o) {
   double start = steadyNow();
   HeapWarmer heap(kFirstPictureBytes);
   if (auto taken = takeFiles(o); !taken) return taken;
+  if (auto good = checkTimes(o); !good) return good;
   auto size = parseSize(o.size.empty() ? "1280x720" : o.size);
   if (!size) return size.error();
   if (size->first > kMaxSidePx || size->second > kMaxSidePx) {
@@ -140,47 +279,29 @@ Result<void> render(RenderOptions& o) {
   if (!scene) return scene.error();
   auto artwork = openApart(o);
   if (!artwork) return artwork.error();
-  const std::shared_ptr<const Package>& package = artwork->package;
-  const Extent extent = artworkExtent(package->manifest(), scene->relief ? scene->exaggerate : 0);
+  const Extent extent = artworkExtent(artwork->package->manifest(), scene->relief ? scene->exaggerate : 0);
   auto sight = sightOf(o, extent, *size);
   if (!sight) return sight.error();
-  const auto& [width, height, camera] = *sight;
+  const OrbitCamera& camera = sight->camera;
 
   auto context = gl::HeadlessContext::create();
   if (!context) return context.error();
   heap.finish((*context)->info().software);
   double context_s = steadyNow() - start;
-  auto engine = Engine::create(o.source.artwork(package), *scene, o.scene.engineOptions());
+  const Work work{o, *artwork, *scene, extent, *sight, *background};
+  if (o.numbered) return renderSequence(work);
+  auto engine = engineFor(work);
   if (!engine) return engine.error();
   Engine& e = **engine;
-  e.resize(width, height);
-  e.setCamera(camera);
-  if (o.settle) {
-    if (auto settled = e.settle(o.timeout_s); !settled) return settled;
-  } else {
-    e.frame(steadyNow());
-  }
+  if (auto set = setMoment(work, e, o.time_s.value_or(0)); !set) return set;
+  auto rgb = pictureOf(work, e);
+  if (!rgb) return rgb.error();
   double settled_s = steadyNow() - start;
-  const std::vector<uint8_t> rgb =
-      overBackground(e.readPixels(), {static_cast<uint8_t>((*background)[0]), static_cast<uint8_t>((*background)[1]),
-                                      static_cast<uint8_t>((*background)[2])});
   const FrameTimes ms = timeFrames(e, camera, o.frames);
-  if (const PageFailures failures = e.failures(); failures.pages > 0) {
-    const Error error = drawnWithout(failures, e.stats(), o.file);
-    if (!o.allow_damage) return error;
-    warn(error.text());
-  }
+  if (auto sound = checkDamage(work, e); !sound) return sound;
   for (const std::string& notice : e.takeNotices()) warn(notice);
-  if (auto written = writeImage(o.output, width, height, 3, rgb,
-                                camera.orthographic && extent.size_known ? mmPerPx(camera, height) : 0);
-      !written)
-    return written;
-  if (!(o.scene.light.empty() && scene->lights.empty()) && !scene->unlit && !scene->shading.isOn() && !e.plan().lit())
-    warn(std::string(scene->lights.empty() ? "--light changes" : "lights change") + " nothing: an image " +
-         (package->manifest().domain.relief_depth < 0 ? "without a height map" : "without its relief") +
-         " is shown unlit");
-
-  warnOfNothing(*scene, e.plan());
+  if (auto written = writePicture(work, o.output, camera, *rgb); !written) return written;
+  warnOfLight(work, e);
 
   if (!o.stats_file.empty()) {
     auto stats = nlohmann::ordered_json::parse(engineStatsJson(e.stats(), e.manifest()));
@@ -208,7 +329,9 @@ void addRenderCommand(CLI::App& app, CommandContext& context) {
       "Example:\n  relievo render inscription.relievo -o picture.png --size 1280x720 --azimuth 25 --elevation 15 \\\n"
       "      --light -0.8,0.3,0.4 --settle --stats stats.json\n\n"
       "To measure and draw from, all of it at 20 px a mm:\n  relievo render inscription.relievo -o plate.png "
-      "--mm-per-px 0.05");
+      "--mm-per-px 0.05\n\n"
+      "A scene that moves (camera_path, lights with keys), as pictures of a film:\n  relievo render scene.json -o "
+      "frame-%04d.png --fps 25");
   c->add_option(
        "FILE", o->file,
        "Artwork to draw: a package, a .ptm, an image or a scan (.ply, .obj, .stl, .off, .glb, .gltf); what is "
@@ -218,7 +341,7 @@ void addRenderCommand(CLI::App& app, CommandContext& context) {
       ->required();
   c->add_option("-o,--output", o->output,
                 "Picture to write; its name says the format: .png, .tif, .exr (linear light, half floats) or .jpg. - "
-                "for a PNG on standard output")
+                "for a PNG on standard output. Of a scene that moves frame-%04d.png names several, from 0 on")
       ->required();
   c->add_option("--size", o->size,
                 "Picture, WIDTHxHEIGHT in px [1280x720; with --mm-per-px as large as all of the artwork takes]");
@@ -230,13 +353,19 @@ void addRenderCommand(CLI::App& app, CommandContext& context) {
   c->add_flag("--allow-damage", o->allow_damage,
               "Draw what is there, and stand-ins where pages are damaged or cannot be read: a warning in the place of "
               "exit code 3 or 2");
-  c->add_option("--timeout", o->timeout_s, "Give up settling after this time, s")
+  c->add_option("--timeout", o->timeout_s,
+                "Give up settling after this time, s; at once where the view needs more than --cache-mib holds")
       ->check(CLI::Range(0.1, 86400.0))
       ->capture_default_str();
-  c->add_option("--frames", o->frames,
-                "Frames to time once settled, with a moving and with a still camera, for --stats")
-      ->check(CLI::Range(0, 100000))
+  c->add_option(
+       "--frames", o->frames,
+       "Frames to time once settled, with a moving and with a still camera, for --stats; with several pictures "
+       "(-o) how many there are, from the scene's beginning to its end")
+      ->check(CLI::Range(0, kMaxPictures))
       ->capture_default_str();
+  c->add_option("--fps", o->fps, "Several pictures (-o), so many a second of the scene's time")
+      ->check(CLI::Range(1e-3, 1000.0));
+  c->add_option("--time", o->time_s, "The moment of a scene that moves, seconds from its beginning [0]");
   c->add_option("--background", o->background, "R,G,B where the artwork is not, 0 to 255 [" + usualBackground() + "]");
   c->add_option(
       "--stats", o->stats_file,

@@ -49,6 +49,8 @@ std::string snapshotScene(const ViewOptions& o, const OrbitCamera& camera, const
   }
   s.ambient_occlusion.reset();
   if (shown.ambient_occlusion.isOn()) s.ambient_occlusion = shown.ambient_occlusion.strength;
+  s.shadows.reset();
+  if (shown.shadows) s.shadows = true;
   s.gloss = shown.gloss;
   s.shading = shown.shading;
   if (shown.wireframe) s.wireframe = true;
@@ -92,14 +94,15 @@ Result<void> view(ViewOptions& o) {
   o.viewer.snapshot_stem = path.stem().string();
   o.viewer.width_px = static_cast<int>(size->first);
   o.viewer.height_px = static_cast<int>(size->second);
-  o.viewer.scene = *scene;
+  o.viewer.animation = o.scene.animation;
+  o.viewer.scene = sceneAt(o.viewer.animation, *scene, 0);
   using ExactStill = ViewerOptions::ExactStill;
   o.viewer.exact_still = o.exact_still == "on"    ? ExactStill::kOn
                          : o.exact_still == "off" ? ExactStill::kOff
                                                   : ExactStill::kAuto;
   o.viewer.engine = o.scene.engineOptions();
   o.viewer.camera = [&](const Extent& extent, int width_px, int height_px) {
-    return o.scene.camera(extent, width_px, height_px);
+    return o.scene.cameraAt(extent, width_px, height_px, 0);
   };
   o.viewer.scene_text = [&](const OrbitCamera& camera, const Scene& shown, int width_px, int height_px) {
     return snapshotScene(o, camera, shown, width_px, height_px);
@@ -114,12 +117,12 @@ void addViewCommand(CLI::App& app, CommandContext& context) {
   auto* c = app.add_subcommand("view", "Show an artwork in a window");
   c->footer(
       "Left drag turns about the point under the mouse, middle drag (or Shift + left drag) moves it, the wheel zooms "
-      "to it; the eye\n"
-      "stays outside of the artwork. Right drag (or L held) moves the light, of several the first that is far away. O "
-      "goes over to\nan orthographic view and back. R resets, A ambient occlusion, "
-      "W wireframe, P pages, S writes a snapshot and its scene into the current folder, F1 help, F2 figures, Esc "
-      "quits. Without a "
-      "display, use relievo render.\n\n"
+      "to it; the eye\nstays outside of the artwork. Right drag (or L held) moves the light, of several the first that "
+      "is far away; N the next.\nO goes over to an orthographic view and back, R resets, Space plays or pauses a scene "
+      "that moves.\nM shows slope, curvature and depth of the relief in turn; H shadows, A ambient occlusion, G gloss, "
+      "W "
+      "wireframe, P pages.\nS writes a snapshot and its scene into the current folder, F1 help, F2 figures, Esc quits. "
+      "Without a display, use relievo render.\n\n"
       "Example:\n  relievo view inscription.relievo --light -0.8,0.3,0.4");
   c->add_option("FILE", o->file,
                 "Artwork to show: a package, a .ptm, an image or a scan (.ply, .obj, .stl, .off, .glb, .gltf); what is "

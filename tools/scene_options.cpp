@@ -121,16 +121,17 @@ void SceneOptions::addLight(CLI::App& c) {
   c.add_option(
        "--light-size", light_size_deg,
        "Angular diameter of --light, degrees, which makes --shadows soft (the sun: 0.53); of --lights each has a "
-       "size_deg. A camera that moves shows hard ones; 0: they are hard")
+       "size_deg, near ones a size_mm. A camera that moves shows hard ones; 0: they are hard")
       ->check(CLI::Range(0.0, kMaxLightSizeDeg))
       ->capture_default_str();
   c.add_flag(
       "--no-relight", no_relight,
       "Fixed light: coefficients are resolved once per page, not per pixel and frame (of --lights the directions "
       "alone are fixed)");
-  c.add_flag("--shadows", shadows,
-             "The relief casts shadows on itself, up to the border of what is drawn, in each light that is far away; "
-             "near lights cast none. Over a PTM they come beside those that were measured: they are simulated");
+  c.add_flag(
+      "--shadows", shadows,
+      "The relief casts shadows on itself, up to the border of what is drawn, in each light. Over a PTM they come "
+      "beside those that were measured: they are simulated");
   c.add_flag("--unlit", unlit,
              "Colour as it is, without a light: of an image with a height map, which is lit by its relief otherwise, "
              "and of a scan");
@@ -312,6 +313,22 @@ Result<void> SceneOptions::takeSettings() {
   return {};
 }
 
+void SceneOptions::takeAnimation(const SceneFile& scene) {
+  animation = scene.animation;
+  const auto hold = [&](bool held, auto member) {
+    for (CameraKey& key : animation.camera)
+      if (held) (key.*member).reset();
+  };
+  hold(azimuth.has_value(), &CameraKey::azimuth_deg);
+  hold(elevation.has_value(), &CameraKey::elevation_deg);
+  hold(!target.empty(), &CameraKey::target_mm);
+  hold(fov || orthographic || mm_per_px, &CameraKey::fov_deg);
+  hold(distance || mm_per_px, &CameraKey::distance_mm);
+  hold(distance || mm_per_px || perspective || fov, &CameraKey::mm_per_px);
+  std::erase_if(animation.camera, [](const CameraKey& key) { return key == CameraKey{.time_s = key.time_s}; });
+  if (!light.empty() || !lights.empty()) animation.lights.clear();
+}
+
 Result<std::optional<SceneFile>> SceneOptions::takeScene(std::string& file, std::string& size) {
   if (!namesScene(file)) return std::optional<SceneFile>();
   if (!state_file.empty())
@@ -319,7 +336,10 @@ Result<std::optional<SceneFile>> SceneOptions::takeScene(std::string& file, std:
   auto read = readScene(file);
   if (!read) return read.error();
   const SceneFile& s = *read;
-  const SceneCamera& c = s.camera;
+  takeAnimation(s);
+  SceneCamera c = s.camera;
+  for (const CameraKey& key : animation.camera)
+    if (!c.mm_per_px) c.mm_per_px = key.mm_per_px;  // the path's scale is orthographic, as the camera's is
   const auto take = [](const auto& from, auto& to) {
     if (from && !to) to = from;
   };
@@ -514,6 +534,20 @@ Result<OrbitCamera> SceneOptions::camera(const Extent& extent, int width_px, int
   if (mm_per_px) c.distance_mm = distanceForScale(c, *mm_per_px, height_px);
   if (!(c.distance_mm > 0) || !std::isfinite(c.distance_mm)) return usageError("expected a --distance above 0 mm");
   return c;
+}
+
+Result<OrbitCamera> SceneOptions::cameraAt(const Extent& extent, int width_px, int height_px, double time_s) const {
+  auto base = camera(extent, width_px, height_px);
+  const auto says = [](const CameraKey& key) { return key.distance_mm || key.mm_per_px; };
+  if (!base || animation.camera.empty()) return base;
+  if (!distance && !mm_per_px && std::none_of(animation.camera.begin(), animation.camera.end(), says)) {
+    constexpr int kMoments = 256;
+    for (int i = 0; i <= kMoments; ++i) {
+      const OrbitCamera then = relievo::cameraAt(animation, *base, height_px, animation.duration_s * i / kMoments);
+      base->distance_mm = std::max(base->distance_mm, fitDistance(then, extent, width_px, height_px));
+    }
+  }
+  return relievo::cameraAt(animation, *base, height_px, time_s);
 }
 
 Result<std::pair<int, int>> SceneOptions::sizeAtScale(const Extent& extent, const Extent& whole,

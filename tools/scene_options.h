@@ -37,6 +37,7 @@ struct SceneOptions {
   bool prefetch = true;
   ReliefShading scene_shading;           // of the scene's file, where --shading does not say otherwise
   std::vector<SceneLight> scene_lights;  // of the scene's file, where neither --light nor --lights says otherwise
+  SceneAnimation animation;              // of the scene's file, but for what options of the command line hold still
   std::vector<EffectSetting> effects;    // all that have parameters, on or off
 
   // In groups: camera, light, accuracy, appearance, storage, diagnostics.
@@ -51,6 +52,9 @@ struct SceneOptions {
   SceneFile sceneFile(const std::string& artwork) const;
   Result<Scene> scene() const;
   Result<OrbitCamera> camera(const Extent& extent, int width_px, int height_px) const;
+  // The same at a time of the animation. Where neither options nor the scene say how far the eye is, it is so far that
+  // all stays in view all the time.
+  Result<OrbitCamera> cameraAt(const Extent& extent, int width_px, int height_px, double time_s) const;
   // The picture of that camera that holds the `whole` at mm_per_px, which is given; at most max_side_px wide and high.
   Result<std::pair<int, int>> sizeAtScale(const Extent& extent, const Extent& whole, int max_side_px) const;
   EngineOptions engineOptions() const;
@@ -64,6 +68,8 @@ struct SceneOptions {
   void addDiagnostics(CLI::App& command);
   void addEffects(CLI::App& command);
   bool given(const std::string& option) const;  // on the command line
+  // Before the scene's camera and lights are taken: what the command line says holds still.
+  void takeAnimation(const SceneFile& scene);
   void takeSettingsOf(const DrawSettings& settings);
   Result<void> checkProjection() const;
 

@@ -48,10 +48,13 @@ EffectPlan planEffects(const Scene& scene, const Manifest& manifest) {
   plan.filter = plan.madeOfRelief() || !plan.readsTexture() ? Filter::kExact : scene.filter;
   plan.wireframe = scene.wireframe;
   plan.samples = static_cast<int>(samplePattern(scene.samples).size());
-  plan.shadows = scene.shadows && plan.relief && plan.lit() && (plan.lights == 0 || plan.lights > plan.near_lights);
+  plan.shadows = scene.shadows && plan.relief && plan.lit();
   if (plan.shadows && plan.lights == 0) plan.soft_shadows = singleLightSize(scene) > 0;
   if (plan.shadows && plan.lights > 0)
-    for (const SceneLight& light : shadedLights(scene.lights)) plan.soft_shadows |= !light.near && light.size_deg > 0;
+    for (const SceneLight& light : shadedLights(scene.lights)) {
+      plan.soft_shadows |= light.isSoft();
+      plan.soft_near |= light.near && light.isSoft();
+    }
   plan.ambient_occlusion = scene.ambient_occlusion.isOn() && plan.relief && !shaded;
   for (const PixelEffect* effect : pixelEffects())
     for (const EffectSetting& setting : scene.effects)

@@ -43,8 +43,8 @@ struct Scene {
   // False: the light is fixed. One white light far away is then resolved once per page; others are evaluated for each
   // pixel all the same.
   bool relight = true;
-  // The relief casts shadows on itself, where it is displaced and lit, in each light that is far away: near lights cast
-  // none. Over a PTM they are simulated beside those that were measured.
+  // The relief casts shadows on itself, where it is displaced and lit, in each light. Over a PTM they are simulated
+  // beside those that were measured.
   bool shadows = false;
   // Highlights under its lights, simulated beside the artwork's own (effects/gloss.h), where there is light and, over a
   // PTM, relief.
@@ -100,8 +100,8 @@ struct EffectPlan {
   Sampling sampling = Sampling::kTrilinear;
   int anisotropy = 1;
   bool fade = false, wireframe = false;
-  // Shadows of lights that are far away; does one of these have a size; is the share of sky computed?
-  bool shadows = false, soft_shadows = false, ambient_occlusion = false;
+  // Shadows; does a light have a size, and a near one; is the share of sky computed?
+  bool shadows = false, soft_shadows = false, soft_near = false, ambient_occlusion = false;
   bool gloss = false;  // each pixel's light is evaluated then, also where it is fixed
   int samples = 1;     // 1, 4 or 8; with 1 there is no pass that averages
   Filter filter = Filter::kExact;

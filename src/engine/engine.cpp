@@ -29,11 +29,16 @@
 #include "src/render/picture_target.h"
 #include "src/render/sample_stack.h"
 #include "src/render/surface_target.h"
+#include "texturing/stream/recent_use.h"
 
 namespace relievo {
 namespace {
 
 constexpr int kCornersUnit = 6;  // and two more: texture units of the base mesh
+// Steps of settle() that change nothing while no page is under way. After so many, more than a page that nobody asks
+// for any more keeps its place, the detail bias follows the lists of relief alone; after as many as it then takes to
+// evaluate those several times over, nothing will change any more.
+constexpr int kStarvedSteps = 2 * kSparedFrames, kStuckSteps = 64;
 
 double steadySeconds() {
   return std::chrono::duration<double>(std::chrono::steady_clock::now().time_since_epoch()).count();
@@ -86,6 +91,13 @@ struct Engine::Impl {
   bool fades_over = false;     // while settle() draws
   bool settling = false;       // within settle(): nothing is known of the views before
   bool all_pages_come = true;  // none that the settled list wants has failed
+  // Of settle(): what its last steps led to, and how many in a row led to the same while no page was under way.
+  struct Standstill {
+    std::array<uint64_t, 6> seen{};
+    double bias = -1;
+    int steps = 0;
+    bool starved = false;  // relief finds no place, for as long as no list is final
+  } standstill;
   EngineStats stats;
 
   const PatchDomain& domain() const { return artwork.manifest.domain; }
@@ -114,6 +126,7 @@ struct Engine::Impl {
             .average = plan.samples > 1,
             .normals = plan.drawsNormals(),
             .shadow_sums = plan.soft_shadows || plan.ambient_occlusion,
+            .shadow_adds = plan.soft_near,
             .faults = faults};
   }
   Result<void> fitsCache() const;
@@ -383,9 +396,12 @@ struct Engine::Impl {
   void stream(double now_s, uint32_t max_uploads) {
     streamer().beginFrame(frame, now_s);
     const DrawnSurface seen{0, currentView().clip_from_world, scene.exaggerate, width, height};
-    // The streamer knows its own part of the bias only.
+    // The streamer knows its own part of the bias only. Where relief finds no place, no feedback follows that would
+    // tell of a bias: its own lists do.
+    const double texture_bias = demand->bias() - scene.detail_bias;
+    const bool starved = settling && standstill.starved && streamer().atRest();
     streamer().setRequestBias(
-        demand->usesGeometry() ? std::nullopt : std::optional<double>(demand->bias() - scene.detail_bias),
+        demand->usesGeometry() ? std::nullopt : std::optional<double>(starved ? lod_bias : texture_bias),
         seen != streamed_view);
     streamed_view = seen;
     streamer().requestTexture(demand->requests());
@@ -486,9 +502,25 @@ struct Engine::Impl {
     return true;
   }
 
+  // After each step of settle().
+  void noteStandstill(bool final_list) {
+    const StreamerStats& s = streamer().stats();
+    const std::array<uint64_t, 6> now{
+        streamer().reliefGeneration(), list->number(), list->reliefRequests().size(), s.resident, s.ready, s.deferred};
+    const bool same = now == standstill.seen && streamer().detailBias() == standstill.bias && streamer().atRest();
+    const int steps = same ? standstill.steps + 1 : 0;
+    standstill = {now, streamer().detailBias(), steps, !final_list && (standstill.starved || steps > kStarvedSteps)};
+  }
+  bool stuck() const { return standstill.steps >= kStuckSteps; }
+
+  bool settleGeometry() {
+    const bool final_list = stepGeometry();
+    noteStandstill(final_list);
+    return final_list;
+  }
   // One step of streaming and LOD without a picture; true when the list is final: all its relief is there, and was when
   // it was made.
-  bool settleGeometry() {
+  bool stepGeometry() {
     ++frame;
     stream(steadySeconds(), planes->slots().total());
     if (settled_geometry == std::pair(streamer().reliefGeneration(), streamer().detailBias()))
@@ -677,9 +709,10 @@ Result<void> Engine::settle(double timeout_s, bool refined) {
   // over, with less detail.
   Impl& e = *impl_;
   e.stopPrefetch();
+  e.standstill = {};
   double start = steadySeconds();
   auto interrupted = [&] { return e.options.interrupted && e.options.interrupted->load(); };
-  auto timedOut = [&] { return steadySeconds() - start > timeout_s || interrupted(); };
+  auto timedOut = [&] { return steadySeconds() - start > timeout_s || interrupted() || e.stuck(); };
   auto pause = [] { std::this_thread::sleep_for(std::chrono::microseconds(100)); };
   while (e.pending_scene && !timedOut()) {
     if (auto switched = e.switchPlanes(); !switched) return switched;
@@ -714,13 +747,16 @@ Result<void> Engine::settle(double timeout_s, bool refined) {
   if (interrupted()) return Error{ErrorKind::kInterrupted, "", "interrupted", "", {}};
   if (!done) {
     const StreamerStats& s = e.streamer().stats();
-    return Error{ErrorKind::kRuntime,
-                 "",
-                 "the view did not settle within " + std::to_string(static_cast<int>(timeout_s)) +
-                     " s: " + std::to_string(s.queued + s.decoding) + " pages under way, " +
-                     std::to_string(s.deferred) + " without a place in the cache",
-                 "raise --cache-mib or --timeout",
-                 {}};
+    const bool stuck = e.stuck();
+    return Error{
+        ErrorKind::kRuntime,
+        "",
+        "the view " +
+            (stuck ? "cannot settle" : "did not settle within " + std::to_string(static_cast<int>(timeout_s)) + " s") +
+            ": " + std::to_string(s.queued + s.decoding) + " pages under way, " + std::to_string(s.deferred) +
+            " without a place in the cache",
+        stuck ? "raise --cache-mib" : "raise --cache-mib or --timeout",
+        {}};
   }
   ++e.stats.frames;
   if (e.plan.samples > 1 && refined) {

@@ -92,7 +92,8 @@ class Engine {
   // Streams until every page that the view wants (by full-size feedback) is resident and the patch list is final; then
   // draws it, with all samples of the scene and all directions of its light. The picture depends on the artwork, camera
   // and scene only. Samples ask for no further page: where one needs a page that no pixel's centre does, its ancestor
-  // shows. refined false: draws it as frame() does, which is quicker. Fails after timeout_s, naming what is missing.
+  // shows. refined false: draws it as frame() does, which is quicker. Fails after timeout_s, naming what is missing; at
+  // once where even the coarsest view that the cache can be given wants pages without a place in it.
   Result<void> settle(double timeout_s, bool refined = true);
 
   // RGBA, sRGB, rows top first; alpha 0 where the artwork is not. With several samples alpha is the share of them that

@@ -9,7 +9,7 @@
 namespace relievo {
 
 uint32_t LightShares::hardShadow(size_t caster, const Key& key, const Wanted& wanted, const Drawing& drawing) {
-  const ShadowView view = shadowView(*wanted.view, *wanted.extent, key.light.towards);
+  const ShadowView view = shadowView(*wanted.view, *wanted.extent, key.light.place);
   Key map = key;
   map.surface.clip_from_world = wanted.view->clip_from_world;
   if (casters_[caster].map != map) {
@@ -19,6 +19,38 @@ uint32_t LightShares::hardShadow(size_t caster, const Key& key, const Wanted& wa
   }
   pass_.light(caster, drawing.programs->shadow, *drawing.surface, *drawing.screen, key.surface.clip_from_world, view);
   return 1;
+}
+
+uint32_t LightShares::nearShadow(size_t caster, const Key& key, const Wanted& wanted, const Drawing& drawing) {
+  const auto views = nearShadowViews(*wanted.view, *wanted.extent, key.light.place);
+  Key map = key;
+  map.surface.clip_from_world = wanted.view->clip_from_world;
+  const bool kept = views.size() == 1 && casters_[caster].map == map;  // of several views the map holds the last alone
+  casters_[caster].map = views.size() == 1 ? std::optional(map) : std::nullopt;
+  pass_.clearShare(caster);
+  for (const ShadowView& view : views) {
+    if (!kept) {
+      pass_.beginMap(caster);
+      drawing.draw_map(view);
+    }
+    pass_.light(caster, drawing.programs->shadow, *drawing.surface, *drawing.screen, key.surface.clip_from_world, view);
+  }
+  return static_cast<uint32_t>(views.size());
+}
+
+uint32_t LightShares::addPlaces(size_t caster, std::span<const glm::dvec3> places, bool first, const Wanted& wanted,
+                                const Drawing& drawing) {
+  casters_[caster].map.reset();
+  uint32_t passes = 0;
+  for (const glm::dvec3& place : places)
+    for (const ShadowView& view : nearShadowViews(*wanted.view, *wanted.extent, place)) {
+      pass_.beginMap(caster);
+      drawing.draw_map(view);
+      pass_.addView(caster, drawing.programs->shadow_add, *drawing.surface, *drawing.screen,
+                    wanted.surface.clip_from_world, view, first && passes == 0);
+      ++passes;
+    }
+  return passes;
 }
 
 uint32_t LightShares::addDirections(size_t caster, std::span<const glm::dvec3> directions, bool first,
@@ -60,20 +92,23 @@ uint32_t LightShares::update(const Wanted& wanted, Directions directions, const 
       caster.in = 0;
       caster.all.clear();
       if (sky) caster.all = skyDirections(flat, flat ? kSkyDirectionsOfFlat : kSkyDirectionsOfScan);
-      else if (key.light.size_deg > 0) caster.all = discDirections(key.light.towards, key.light.size_deg);
+      else if (key.light.size > 0)
+        caster.all = key.light.near ? discPlaces(key.light.place, key.light.axis, key.light.size)
+                                    : discDirections(key.light.place, key.light.size);
     }
     const int count = static_cast<int>(caster.all.size());
     if (count == 0 || directions == Directions::kFew) {
       if (same) continue;
       if (sky) pass_.clearShare(c);
-      else passes += hardShadow(c, key, wanted, drawing);
+      else passes += key.light.near ? nearShadow(c, key, wanted, drawing) : hardShadow(c, key, wanted, drawing);
       continue;
     }
     if (!same && sky) pass_.clearShare(c);
     const int more = std::min(count - caster.in, directions == Directions::kAll ? count : kDirectionsAtATime);
     if (more == 0) continue;
-    passes += addDirections(c, std::span(caster.all).subspan(static_cast<size_t>(caster.in), static_cast<size_t>(more)),
-                            caster.in == 0, wanted, drawing);
+    const auto some = std::span(caster.all).subspan(static_cast<size_t>(caster.in), static_cast<size_t>(more));
+    passes += key.light.near ? addPlaces(c, some, caster.in == 0, wanted, drawing)
+                             : addDirections(c, some, caster.in == 0, wanted, drawing);
     caster.in += more;
     if (!sky || caster.in >= kLeastSky) {
       pass_.takeMean(c, drawing.programs->shadow_mean, *drawing.screen);

@@ -1,4 +1,4 @@
-// light_shares.h - which share of each light that is far away, and of the sky, reaches every pixel of the surface: kept
+// light_shares.h - which share of each light, and of the sky, reaches every pixel of the surface: kept
 // while the surface and the lights are the same, and refined direction by direction where a light has a size
 // (effects/soft_shadows.h) and of the sky (effects/ambient_occlusion.h).
 //
@@ -24,8 +24,10 @@ inline constexpr int kLeastSky = 32;          // directions
 inline constexpr int kDirectionsAtATime = 8;  // of each caster, for a view that stands still
 
 struct CastingLight {
-  glm::dvec3 towards{0, 0, 1};  // of length 1
-  double size_deg = 0;          // 0: hard shadows
+  bool near = false;
+  glm::dvec3 place{0, 0, 1};  // towards it, of length 1; of a near one where it is, mm
+  double size = 0;            // degrees; of a near one mm; 0: hard shadows
+  glm::dvec3 axis{0, 0, 1};   // of a near one's disc
   friend bool operator==(const CastingLight&, const CastingLight&) = default;
 };
 
@@ -64,10 +66,13 @@ class LightShares {
   };
   struct Caster {
     std::optional<Key> share, map;  // what they were drawn for; the map of a hard shadow alone
-    std::vector<glm::dvec3> all;    // directions of the settled picture; empty: the shadow is hard
+    std::vector<glm::dvec3> all;    // directions, of a near light places, of the settled picture; empty: it is hard
     int in = 0;                     // so many of them; 0: those of a moving picture
   };
   uint32_t hardShadow(size_t caster, const Key& key, const Wanted& wanted, const Drawing& drawing);
+  uint32_t nearShadow(size_t caster, const Key& key, const Wanted& wanted, const Drawing& drawing);
+  uint32_t addPlaces(size_t caster, std::span<const glm::dvec3> places, bool first, const Wanted& wanted,
+                     const Drawing& drawing);
   uint32_t addDirections(size_t caster, std::span<const glm::dvec3> directions, bool first, const Wanted& wanted,
                          const Drawing& drawing);
 

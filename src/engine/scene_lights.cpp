@@ -17,8 +17,8 @@ constexpr glm::dvec3 kLowSky{0.8660254037844386, 0, 0.5};
 
 // The direction of the light's disc that is nearest to the plane of a flat artwork.
 glm::dvec3 lowestOf(const CastingLight& light) {
-  if (light.size_deg == 0) return light.towards;
-  const double half = glm::radians(light.size_deg / 2), angle = std::acos(std::clamp(light.towards.z, -1.0, 1.0));
+  if (light.size == 0) return light.place;
+  const double half = glm::radians(light.size / 2), angle = std::acos(std::clamp(light.place.z, -1.0, 1.0));
   const double lowest = std::min(angle + half, glm::radians(89.9));
   return {std::sin(lowest), 0, std::cos(lowest)};
 }
@@ -45,12 +45,19 @@ std::vector<PlacedLight> SceneLights::placed(const Scene& scene, const EffectPla
 
 std::vector<CastingLight> SceneLights::casting(const Scene& scene, const EffectPlan& plan,
                                                const ViewTransform& view) const {
-  if (plan.lights == 0) return {{single(scene, view), singleLightSize(scene)}};
+  if (plan.lights == 0) return {{.place = single(scene, view), .size = singleLightSize(scene)}};
   const std::vector<SceneLight> shaded = shadedLights(scene.lights);
   const std::vector<PlacedLight> all = placed(scene, plan, view);
   std::vector<CastingLight> lights;
-  for (size_t i = 0; i < all.size(); ++i)
-    if (!all[i].near) lights.push_back({all[i].place, shaded[i].size_deg});
+  for (size_t i = 0; i < all.size(); ++i) {
+    CastingLight light{.near = all[i].near, .place = all[i].place, .size = shaded[i].size_deg};
+    if (light.near) {
+      const glm::dvec3 way = light.place - *middle_;
+      light.size = shaded[i].size_mm;
+      if (glm::length(way) > 0) light.axis = glm::normalize(way);
+    }
+    lights.push_back(light);
+  }
   return lights;
 }
 
@@ -59,7 +66,8 @@ double SceneLights::reach(const Scene& scene, const EffectPlan& plan, const View
   double reach = 1;
   if (plan.shadows)
     for (const CastingLight& light : casting(scene, plan, view))
-      reach = std::max(reach, casterReach(extent, lowestOf(light), half_mm));
+      reach = std::max(reach, light.near ? nearCasterReach(view, extent, light.place, half_mm)
+                                         : casterReach(extent, lowestOf(light), half_mm));
   if (plan.ambient_occlusion) reach = std::max(reach, casterReach(extent, kLowSky, half_mm));
   return reach;
 }

@@ -21,7 +21,7 @@ class SceneLights {
   glm::dvec3 single(const Scene& scene, const ViewTransform& view) const;
   // plan.lights of them.
   std::vector<PlacedLight> placed(const Scene& scene, const EffectPlan& plan, const ViewTransform& view) const;
-  // Those that cast shadows: far away, in the shader's order.
+  // Those that cast shadows, in the shader's order.
   std::vector<CastingLight> casting(const Scene& scene, const EffectPlan& plan, const ViewTransform& view) const;
   // How many times as wide as the picture is what casts a shadow into it, or hides sky from it. half_mm: casterReach().
   double reach(const Scene& scene, const EffectPlan& plan, const ViewTransform& view, const Extent& extent,

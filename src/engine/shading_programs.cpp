@@ -31,8 +31,9 @@ Result<void> ShadingPrograms::link(gl::Api api, const Variant& variant) {
   gl::Defines defines = variant.defines;
   addVertexFaults(variant.faults, defines);
   addLookupFaults(variant.faults, defines);
-  for (gl::Program* left : {&root_cells, &wire, &average, &tails, &normals, &normals_tails, &shadow_map,
-                            &shadow_map_roots, &shadow, &shadow_sum, &shadow_mean, &capture, &capture_roots})
+  for (gl::Program* left :
+       {&root_cells, &wire, &average, &tails, &normals, &normals_tails, &shadow_map, &shadow_map_roots, &shadow,
+        &shadow_sum, &shadow_add, &shadow_mean, &capture, &capture_roots})
     *left = {};
   if (auto r = linkOne(surface, api, "patch.vert", "surface.frag", defines); !r) return r;
   // What is shaded by normals that were drawn before looks up no page itself.
@@ -56,6 +57,8 @@ Result<void> ShadingPrograms::link(gl::Api api, const Variant& variant) {
     if (auto r = linkOne(shadow_sum, api, "screen.vert", "shadow_sum.frag", {}); !r) return r;
     if (auto r = linkOne(shadow_mean, api, "screen.vert", "shadow_mean.frag", {}); !r) return r;
   }
+  if (variant.shadow_adds)
+    if (auto r = linkOne(shadow_add, api, "screen.vert", "shadow.frag", with({}, "SHADOW_SUMS")); !r) return r;
   if (variant.shadows || variant.shadow_sums) {
     if (auto r = linkOne(shadow_map, api, "patch.vert", "depth_only.frag", defines); !r) return r;
     if (variant.tails)

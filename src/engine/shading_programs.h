@@ -21,6 +21,7 @@ class ShadingPrograms {
   gl::Program shadow_map, shadow_map_roots;  // the geometry into a map of depths, as surface and root_cells
   gl::Program shadow;                        // the map and the surface's depth into the share of light
   gl::Program shadow_sum, shadow_mean;       // the same into sums over directions, and their mean into the share
+  gl::Program shadow_add;                    // the same of a near light into such sums
   gl::Program wire;                          // the triangles' edges
   gl::Program average;                       // the picture's samples into the picture
   gl::Program capture, capture_roots;        // vertices by transform feedback; linkCapture()
@@ -28,7 +29,7 @@ class ShadingPrograms {
   struct Variant {
     gl::Defines defines;  // of the plan, the page pool and the tails
     bool tails = false, feedback = false, wireframe = false, shadows = false, average = false, normals = false;
-    bool shadow_sums = false;
+    bool shadow_sums = false, shadow_adds = false;
     FaultInjection faults;
   };
   // Links all programs but capture and capture_roots, which become empty. After a failure some programs are new, some

@@ -91,10 +91,11 @@ glm::dmat4 ShadowPass::mapFromClip(int side) const {
   return map_from_clip;
 }
 
+double ShadowPass::depthStep() const { return depth_mode_.reversed ? 1e-6 : 3e-7; }
+
 double ShadowPass::bias(const ShadowView& view, int side) const {
   const double texel_mm = 2 * view.mm_per_unit / side, depth_mm = 2 * view.mm_per_depth;
-  const double step = depth_mode_.reversed ? 1e-6 : 3e-7;  // of depth itself
-  return kBiasTexels * texel_mm / depth_mm + step;
+  return kBiasTexels * texel_mm / depth_mm + depthStep();
 }
 
 // The sky's share is a texture, a light's a component of one.
@@ -106,22 +107,39 @@ void ShadowPass::beginShare(size_t caster) const {
   glColorMask(mask(0), mask(1), mask(2), mask(3));
 }
 
-void ShadowPass::light(size_t light, const gl::Program& program, const SurfaceTarget& surface, const ScreenPass& screen,
-                       const glm::dmat4& camera_clip_from_world, const ShadowView& view) const {
-  bindMap(light, program, surface);
+void ShadowPass::setView(size_t caster, const gl::Program& program, const SurfaceTarget& surface,
+                         const glm::dmat4& camera_clip_from_world, const ShadowView& view) const {
+  bindMap(caster, program, surface);
   const glm::mat4 map_from_pixel(mapFromClip(map_px_) * view.clip_from_world * glm::inverse(camera_clip_from_world) *
                                  clipFromPixel(depth_mode_));
   glUniformMatrix4fv(program.uniform("u_map_from_pixel"), 1, GL_FALSE, glm::value_ptr(map_from_pixel));
+  // In perspective a texel grows with the distance z, and a step of depth with its square: a bias of so many texels is
+  // in proportion to 1 / z, and the depth is linear in that.
+  double at_zero = 0, per_depth = 0;
+  if (view.perspective) {
+    const double texel = 2 * view.mm_per_unit / map_px_, range_mm = view.far_mm - view.near_mm;
+    per_depth = (depth_mode_.reversed ? kBiasTexels : -kBiasTexels) * texel;
+    at_zero = kBiasTexels * texel * (depth_mode_.reversed ? view.near_mm : view.far_mm) / range_mm + depthStep();
+  } else {
+    at_zero = bias(view, map_px_);
+  }
   glUniform4f(program.uniform("u_shadow"), static_cast<float>(map_px_), depth_mode_.reversed ? 1.0f : -1.0f,
-              static_cast<float>(bias(view, map_px_)), 0);
+              static_cast<float>(at_zero), static_cast<float>(per_depth));
+  const glm::vec2 low((view.low * 0.5 + 0.5) * static_cast<double>(map_px_)),
+      high((view.high * 0.5 + 0.5) * static_cast<double>(map_px_));
+  glUniform4f(program.uniform("u_part"), low.x, low.y, high.x, high.y);
+}
+
+void ShadowPass::light(size_t light, const gl::Program& program, const SurfaceTarget& surface, const ScreenPass& screen,
+                       const glm::dmat4& camera_clip_from_world, const ShadowView& view) const {
+  setView(light, program, surface, camera_clip_from_world, view);
   beginShare(light);
   screen.draw(false);
   glColorMask(GL_TRUE, GL_TRUE, GL_TRUE, GL_TRUE);
 }
 
-void ShadowPass::addDirections(size_t caster, std::span<const Direction> directions, bool first, Weight weight,
-                               const gl::Program& program, const SurfaceTarget& surface, const ScreenPass& screen,
-                               const glm::dmat4& camera_clip_from_world, const glm::dvec3& eye_mm) {
+// Before anything is bound to texture units.
+void ShadowPass::makeSums(size_t caster) {
   Sums& sums = sums_[caster];
   for (size_t k = 0; k < 2 && !sums.texture[1]; ++k) {
     sums.texture[k] = gl::createNearest("shadow sums", width_, height_, GL_RG32UI, GL_RG_INTEGER, GL_UNSIGNED_INT);
@@ -129,6 +147,33 @@ void ShadowPass::addDirections(size_t caster, std::span<const Direction> directi
     glBindFramebuffer(GL_FRAMEBUFFER, sums.framebuffer[k].id());
     glFramebufferTexture2D(GL_FRAMEBUFFER, GL_COLOR_ATTACHMENT0, GL_TEXTURE_2D, sums.texture[k].id(), 0);
   }
+}
+
+void ShadowPass::beginSums(size_t caster, const gl::Program& program) {
+  Sums& sums = sums_[caster];
+  glActiveTexture(GL_TEXTURE1);
+  glBindTexture(GL_TEXTURE_2D, sums.texture[sums.written].id());
+  glUniform1i(program.uniform("u_sums"), 1);
+  glActiveTexture(GL_TEXTURE0);
+  sums.written = 1 - sums.written;
+  glBindFramebuffer(GL_FRAMEBUFFER, sums.framebuffer[sums.written].id());
+  glViewport(0, 0, width_, height_);
+}
+
+void ShadowPass::addView(size_t caster, const gl::Program& program, const SurfaceTarget& surface,
+                         const ScreenPass& screen, const glm::dmat4& camera_clip_from_world, const ShadowView& view,
+                         bool first) {
+  makeSums(caster);
+  setView(caster, program, surface, camera_clip_from_world, view);
+  glUniform1f(program.uniform("u_more"), first ? 0.0f : 1.0f);
+  beginSums(caster, program);
+  screen.draw(false);
+}
+
+void ShadowPass::addDirections(size_t caster, std::span<const Direction> directions, bool first, Weight weight,
+                               const gl::Program& program, const SurfaceTarget& surface, const ScreenPass& screen,
+                               const glm::dmat4& camera_clip_from_world, const glm::dvec3& eye_mm) {
+  makeSums(caster);
   bindMap(caster, program, surface);
   const glm::mat4 eye_from_pixel(glm::inverse(glm::translate(camera_clip_from_world, eye_mm)) *
                                  clipFromPixel(depth_mode_));
@@ -150,13 +195,7 @@ void ShadowPass::addDirections(size_t caster, std::span<const Direction> directi
   glUniform4f(program.uniform("u_count"), static_cast<float>(directions.size()), static_cast<float>(side), 0, 0);
   glUniform4f(program.uniform("u_sum"), first ? 0.0f : 1.0f, weight == Weight::kEven ? 0.0f : 1.0f,
               weight == Weight::kCosineOverDark ? 1.0f : 0.0f, depth_mode_.reversed ? 1.0f : -1.0f);
-  glActiveTexture(GL_TEXTURE1);
-  glBindTexture(GL_TEXTURE_2D, sums.texture[sums.written].id());
-  glUniform1i(program.uniform("u_sums"), 1);
-  glActiveTexture(GL_TEXTURE0);
-  sums.written = 1 - sums.written;
-  glBindFramebuffer(GL_FRAMEBUFFER, sums.framebuffer[sums.written].id());
-  glViewport(0, 0, width_, height_);
+  beginSums(caster, program);
   screen.draw(false);
 }
 

@@ -33,8 +33,13 @@ class ShadowPass {
   void beginMap(size_t caster) const;
   // Computes the share of light of every pixel of the surface (shaders/shadow.frag), which was drawn with
   // camera_clip_from_world. Program: of that shader.
+  // Pixels that the view does not count for keep theirs.
   void light(size_t light, const gl::Program& program, const SurfaceTarget& surface, const ScreenPass& screen,
              const glm::dmat4& camera_clip_from_world, const ShadowView& view) const;
+  // The same, added to the caster's sums, with weight 1. Program: of that shader with SHADOW_SUMS. first: there are
+  // none yet.
+  void addView(size_t caster, const gl::Program& program, const SurfaceTarget& surface, const ScreenPass& screen,
+               const glm::dmat4& camera_clip_from_world, const ShadowView& view, bool first);
   // How directions count: all the same; by the cosine of their angle from the surface's normal; by it, with the
   // opposite direction beside each, which is dark.
   enum class Weight { kEven, kCosine, kCosineOverDark };
@@ -65,7 +70,13 @@ class ShadowPass {
   void bindMap(size_t caster, const gl::Program& program, const SurfaceTarget& surface) const;
   // From clip space, z within -w..w, to texels of a map of so many a side, and its depth, 0..1.
   glm::dmat4 mapFromClip(int side) const;
-  double bias(const ShadowView& view, int side) const;  // of the map's depth
+  double depthStep() const;                             // what depth itself is rounded by
+  double bias(const ShadowView& view, int side) const;  // of the map's depth; orthographic
+  void setView(size_t caster, const gl::Program& program, const SurfaceTarget& surface,
+               const glm::dmat4& camera_clip_from_world, const ShadowView& view) const;
+  void makeSums(size_t caster);  // where there are none
+  // Binds those so far to texture unit 1, and the others to draw into.
+  void beginSums(size_t caster, const gl::Program& program);
   void beginShare(size_t caster) const;
 
   DepthMode depth_mode_;

@@ -36,8 +36,8 @@ std::array<Polygon, 6> facesOf(const std::array<glm::dvec3, 8>& corners) {
   return faces;
 }
 
-// The corners of what lies both in the camera's view and in the artwork's box.
-Polygon cornersInView(const ViewTransform& camera, const Extent& extent) {
+// The faces of what lies both in the camera's view and in the artwork's box; those of the box where that is nothing.
+std::vector<Polygon> facesInView(const ViewTransform& camera, const Extent& extent) {
   const glm::dmat4 rows = glm::transpose(camera.clip_from_world), world = glm::inverse(camera.clip_from_world);
   std::array<glm::dvec3, 8> box, view;
   for (int corner = 0; corner < 8; ++corner) {
@@ -56,17 +56,65 @@ Polygon cornersInView(const ViewTransform& camera, const Extent& extent) {
     box_planes[k] = low;
     box_planes[k + 1] = high;
   }
-  Polygon corners;
+  std::vector<Polygon> faces;
   const auto take = [&](const std::array<glm::dvec3, 8>& of, const std::array<glm::dvec4, 6>& planes) {
     for (Polygon face : facesOf(of)) {
       for (const glm::dvec4& plane : planes) face = clipped(face, plane);
-      corners.insert(corners.end(), face.begin(), face.end());
+      if (!face.empty()) faces.push_back(std::move(face));
     }
   };
   take(box, view_planes);
   take(view, box_planes);
-  if (corners.empty()) corners.assign(box.begin(), box.end());
+  if (faces.empty())
+    for (const Polygon& face : facesOf(box)) faces.push_back(face);
+  return faces;
+}
+
+Polygon cornersInView(const ViewTransform& camera, const Extent& extent) {
+  Polygon corners;
+  for (const Polygon& face : facesInView(camera, extent)) corners.insert(corners.end(), face.begin(), face.end());
   return corners;
+}
+
+// Right, up and along the axis of a view, as rows.
+glm::dmat3 lookingAlong(const glm::dvec3& axis) {
+  const glm::dvec3 aside = std::abs(axis.y) < 0.9 ? glm::dvec3(0, 1, 0) : glm::dvec3(1, 0, 0);
+  const glm::dvec3 right = glm::normalize(glm::cross(aside, axis));
+  return glm::transpose(glm::dmat3(right, glm::cross(axis, right), axis));
+}
+
+// The perspective of a light, of what lies between low and high by tangents. holds: of these, what it counts for.
+ShadowView perspectiveFrom(const glm::dvec3& place_mm, const glm::dmat3& light_from_world, const Extent& extent,
+                           glm::dvec2 low, glm::dvec2 high, double holds) {
+  constexpr double kLeastNear = 1e-3, kMargin = 1.02;  // of the far plane; so that what borders on a map lies within
+  double far = 0;
+  for (int corner = 0; corner < 8; ++corner)
+    far = std::max(far, (light_from_world * (boxCorner(extent, corner) - place_mm)).z);
+  const glm::dvec3 beside = glm::max(extent.min_mm - place_mm, place_mm - extent.max_mm);
+  const double apart = glm::length(glm::max(beside, glm::dvec3(0)));
+  const glm::dvec2 widest = glm::max(glm::abs(low), glm::abs(high));
+  ShadowView view;
+  view.perspective = true;
+  view.far_mm = std::max(far, 1e-9) * 1.001;
+  view.near_mm = std::max(0.99 * apart / std::sqrt(1 + glm::dot(widest, widest)), kLeastNear * view.far_mm);
+  view.near_mm = std::min(view.near_mm, 0.99 * view.far_mm);
+  const glm::dvec2 centre = (low + high) / 2.0, half = glm::max((high - low) * 0.5, glm::dvec2(1e-6)) * kMargin;
+  const double n = view.near_mm, f = view.far_mm;
+  glm::dmat4 clip_from_light(0.0);
+  for (int axis = 0; axis < 2; ++axis) {
+    clip_from_light[axis][axis] = 1 / half[axis];
+    clip_from_light[2][axis] = -centre[axis] / half[axis];
+  }
+  clip_from_light[2][2] = (f + n) / (f - n);
+  clip_from_light[3][2] = -2 * f * n / (f - n);
+  clip_from_light[2][3] = 1;
+  glm::dmat4 turned(light_from_world);
+  turned[3] = glm::dvec4(light_from_world * -place_mm, 1);
+  view.clip_from_world = clip_from_light * turned;
+  view.mm_per_unit = std::max(half.x, half.y);
+  view.low = (glm::dvec2(-holds) - centre) / half;
+  view.high = (glm::dvec2(holds) - centre) / half;
+  return view;
 }
 
 }  // namespace
@@ -97,12 +145,73 @@ ShadowView shadowView(const ViewTransform& camera, const Extent& extent, const g
   return view;
 }
 
+std::vector<ShadowView> nearShadowViews(const ViewTransform& camera, const Extent& extent, const glm::dvec3& place_mm) {
+  // Tangents. Beyond the widest a face of a cube makes more of its texels; faces overlap by rounding and more.
+  constexpr double kWidest = 1.5, kAll = 1e9, kFace = 1.0005;
+  const std::vector<Polygon> faces = facesInView(camera, extent);
+  const auto boundsOf = [&](const glm::dmat3& light_from_world, bool pyramid, glm::dvec2& low, glm::dvec2& high) {
+    low = glm::dvec2(1e300), high = glm::dvec2(-1e300);
+    bool before = true;
+    for (const Polygon& face : faces) {
+      Polygon seen;
+      for (const glm::dvec3& p : face) seen.push_back(light_from_world * (p - place_mm));
+      if (pyramid) {
+        seen = clipped(seen, {0, 0, 1, -1e-9});
+        for (int axis = 0; axis < 2; ++axis)
+          for (const double side : {-1.0, 1.0}) {
+            glm::dvec4 plane(0, 0, 1, 0);
+            plane[axis] = side;
+            seen = clipped(seen, plane);
+          }
+      }
+      for (const glm::dvec3& p : seen) {
+        before &= p.z > 0;
+        const glm::dvec2 at = glm::dvec2(p) / std::max(p.z, 1e-300);
+        low = glm::min(low, at), high = glm::max(high, at);
+      }
+    }
+    return before && low.x <= high.x;
+  };
+  glm::dvec3 least(1e300), most(-1e300);
+  for (const Polygon& face : faces)
+    for (const glm::dvec3& p : face) least = glm::min(least, p), most = glm::max(most, p);
+  const glm::dvec3 way = (least + most) / 2.0 - place_mm;
+  glm::dvec2 low, high;
+  if (glm::length(way) > 0) {
+    const glm::dmat3 light_from_world = lookingAlong(glm::normalize(way));
+    if (boundsOf(light_from_world, false, low, high) && std::max({-low.x, -low.y, high.x, high.y}) <= kWidest)
+      return {perspectiveFrom(place_mm, light_from_world, extent, low, high, kAll)};
+  }
+  std::vector<ShadowView> views;
+  for (int axis = 0; axis < 3; ++axis)
+    for (const double side : {-1.0, 1.0}) {
+      glm::dvec3 along(0);
+      along[axis] = side;
+      const glm::dmat3 light_from_world = lookingAlong(along);
+      if (boundsOf(light_from_world, true, low, high))
+        views.push_back(perspectiveFrom(place_mm, light_from_world, extent, low, high, kFace));
+    }
+  return views;
+}
+
 double casterReach(const Extent& extent, const glm::dvec3& light, double half_mm) {
   const glm::dvec3 size = extent.max_mm - extent.min_mm;
   // Of a flat artwork, how far its highest place throws a shadow to its lowest; of a body, its length.
   double reach_mm = glm::length(size);
   if (extent.flat && light.z > 0) reach_mm = std::min(reach_mm, size.z * std::hypot(light.x, light.y) / light.z);
   return std::clamp(1 + reach_mm / half_mm, 1.0, kWidestCasters);
+}
+
+double nearCasterReach(const ViewTransform& camera, const Extent& extent, const glm::dvec3& place_mm, double half_mm) {
+  double reach = 1;
+  for (const glm::dvec3& p : cornersInView(camera, extent)) {
+    const glm::dvec3 way = place_mm - p;
+    const double length = glm::length(way), beside = extent.flat ? glm::length(glm::dvec2(way)) : length;
+    if (length > 0)
+      reach = std::max(reach, std::min(casterReach(extent, way / length, half_mm),
+                                       std::clamp(1 + beside / half_mm, 1.0, kWidestCasters)));
+  }
+  return reach;
 }
 
 }  // namespace relievo

@@ -5,6 +5,7 @@
 #include <cstddef>
 #include <cstdio>
 #include <numbers>
+#include <utility>
 #include <vector>
 
 #include <imgui.h>
@@ -22,7 +23,11 @@ constexpr const char* kHelp[][2] = {{"Left drag", "turn about the point under th
                                     {"Wheel", "zoom to the point under the mouse"},
                                     {"Right drag, L + move", "light"},
                                     {"O", "orthographic (one scale everywhere) or perspective"},
+                                    {"Space", "play or pause a scene that moves"},
                                     {"R", "reset camera and light"},
+                                    {"N", "next of several lights to move"},
+                                    {"M", "show slope, curvature, depth, or the light again"},
+                                    {"H, G", "shadows, gloss"},
                                     {"A", "ambient occlusion: joints and folds darker"},
                                     {"W", "wireframe"},
                                     {"P", "pages by texture level"},
@@ -36,7 +41,7 @@ constexpr ImGuiWindowFlags kPassive = ImGuiWindowFlags_NoDecoration | ImGuiWindo
                                       ImGuiWindowFlags_AlwaysAutoResize;
 
 // The hemisphere of directions seen from above: the dot is the light.
-void drawLightGauge(const std::array<double, 3>& light, float scale) {
+void drawLightGauge(const std::array<double, 3>& light, const std::string& name, float scale) {
   const float radius = 34 * scale;
   const ImVec2 corner = ImGui::GetCursorScreenPos();
   const ImVec2 centre(corner.x + radius, corner.y + radius);
@@ -47,6 +52,7 @@ void drawLightGauge(const std::array<double, 3>& light, float scale) {
   list->AddLine(centre, dot, IM_COL32(255, 214, 120, 140), scale);
   list->AddCircleFilled(dot, 5 * scale, IM_COL32(255, 214, 120, 255), 24);
   ImGui::Dummy(ImVec2(2 * radius, 2 * radius));
+  if (!name.empty()) ImGui::TextUnformatted(name.c_str());
   const double degrees = 180 / std::numbers::pi;
   ImGui::Text("light %.2f, %.2f, %.2f", light[0], light[1], light[2]);
   ImGui::Text("%.0f deg above the surface", std::asin(std::clamp(light[2], -1.0, 1.0)) * degrees);
@@ -87,8 +93,15 @@ std::string hudLine(const HudState& s) {
     std::snprintf(text, sizeof text, s.size_known ? "   %.4g mm a px" : "   %.4g px of the artwork a px", s.mm_per_px);
     line += text;
   }
-  if (s.unlit) line += "   " + (s.shading.empty() ? "unlit" : s.shading);
-  return line;
+  if (s.duration_s > 0) {
+    std::snprintf(text, sizeof text, "   %.1f of %.1f s, %s", s.time_s, s.duration_s, s.playing ? "playing" : "paused");
+    line += text;
+  }
+  std::string shown = !s.unlit ? "" : s.shading.empty() ? "unlit" : s.shading;
+  for (const auto& [on, name] : {std::pair{s.shadows, "shadows"}, std::pair{s.ambient_occlusion, "ambient occlusion"},
+                                 std::pair{s.gloss, "gloss"}})
+    if (on) shown += (shown.empty() ? "" : ", ") + std::string(name);
+  return shown.empty() ? line : line + "   " + shown;
 }
 
 struct Hud::Impl {
@@ -123,7 +136,7 @@ struct Hud::Impl {
       ImGui::SetNextWindowPos(ImVec2(edge, display.y - edge), ImGuiCond_Always, ImVec2(0, 1));
       ImGui::SetNextWindowBgAlpha(0.55f);
       ImGui::Begin("light", nullptr, kPassive);
-      drawLightGauge(state.light, scale);
+      drawLightGauge(state.light, state.held_light, scale);
       ImGui::End();
     }
     if (state.help) {

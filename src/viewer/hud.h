@@ -23,7 +23,11 @@ struct HudState {
   std::string given_up;           // for the frame time, in a word; empty: nothing
   bool unlit = false;             // no light changes the picture: the line says so, and no gauge shows a light
   std::string shading;            // what of the relief is shown, where nothing is lit for that; empty: nothing
-  bool size_known = true;         // false: mm_per_px counts the artwork's pixels
+  bool shadows = false, ambient_occlusion = false, gloss = false;  // in the picture
+  std::string held_light;  // of several lights the one that the mouse moves: "light 2 of 3, near"; empty: there is one
+  bool size_known = true;  // false: mm_per_px counts the artwork's pixels
+  double duration_s = 0, time_s = 0;  // of what moves by itself; 0: nothing does
+  bool playing = false;
   std::array<double, 3> light{0, 0, 1};
   bool show_light = false;
   bool help = false;
@@ -33,8 +37,9 @@ struct HudState {
 
 // "31 fps  32.0 ms   pages 312 of 3628, 4 missing   error at most 0.84 px". Where the error exceeds error_px, the line
 // says "error at most 8.60 px in places (asked for 1.0)" or, while pages are missing, "... so far (asked for 1.0)". An
-// orthographic view adds "   0.042 mm a px", an unlit one "   unlit" or "   slope", accuracy given up for time ", less
-// geometry" after the time.
+// orthographic view adds "   0.042 mm a px", what moves by itself "   1.3 of 4.0 s, playing" (or paused), an unlit one
+// "   unlit" or "   slope", accuracy given up for time ", less geometry" after the time. What else is in the picture
+// follows: ", shadows, ambient occlusion, gloss".
 std::string hudLine(const HudState& state);
 
 class Hud {

@@ -19,6 +19,12 @@ std::array<double, 3> lightAt(double x, double y) {
   return {x, y, std::sqrt(std::max(0.0, 1 - x * x - y * y))};
 }
 
+// The light that the mouse moves at first.
+size_t firstHeld(const std::vector<SceneLight>& lights) {
+  const SceneLight* far = firstFarLight(lights);
+  return far ? static_cast<size_t>(far - lights.data()) : 0;
+}
+
 // A camera moved and scaled so that all of it is `scale` times as far from a point; its direction stays.
 OrbitCamera scaledAbout(const OrbitCamera& camera, const glm::dvec3& point_mm, double scale) {
   OrbitCamera c = camera;
@@ -69,6 +75,7 @@ ViewControl::ViewControl(const Extent& extent, const View& start, int width_px, 
   // Less than the least distance to the point that is looked at, so that a surface at a slant beside it does not keep
   // the eye away.
   clear_mm_ = 0.25 * min_distance_mm_;
+  start_.held = firstHeld(start_.lights);
   view_ = start_;
   setGuard(surface_.guard);
 }
@@ -273,6 +280,32 @@ void ViewControl::turn(double azimuth_deg, double elevation_deg) {
   keepNearPlane();
 }
 
+void ViewControl::show(const OrbitCamera& camera, const std::vector<SceneLight>& lights) {
+  view_.camera = camera;
+  if (lights.size() != view_.lights.size()) view_.held = firstHeld(lights);
+  view_.lights = lights;
+  takeHeldDirection();
+}
+
+void ViewControl::takeHeldDirection() {
+  const SceneLight* held = heldLight();
+  if (!held || held->near) return;
+  const auto& [x, y, z] = held->place;
+  const double length = std::hypot(x, y, z);
+  view_.light = {x / length, y / length, z / length};
+}
+
+void ViewControl::moveLight(double dx, double dy) {
+  if (SceneLight* held = heldLight(); held && held->near) {
+    const glm::dvec3 way = worldFromCamera(view_.camera) * glm::dvec3(dx, -dy, 0) * mmPerPx(view_.camera, height_px_);
+    held->place = {held->place[0] + way.x, held->place[1] + way.y, held->place[2] + way.z};
+    return;
+  }
+  const double radius_px = 0.5 * std::min(width_px_, height_px_);
+  view_.light = lightAt(view_.light[0] + dx / radius_px, view_.light[1] - dy / radius_px);
+  if (SceneLight* held = heldLight()) held->place = view_.light;
+}
+
 void ViewControl::drag(double x, double y) {
   const double dx = x - x_, dy = y - y_;
   switch (mode_) {
@@ -284,11 +317,9 @@ void ViewControl::drag(double x, double y) {
     case Mode::kPan:
       pan(x, y);
       break;
-    case Mode::kLight: {
-      const double radius_px = 0.5 * std::min(width_px_, height_px_);
-      view_.light = lightAt(view_.light[0] + dx / radius_px, view_.light[1] - dy / radius_px);
+    case Mode::kLight:
+      moveLight(dx, dy);
       break;
-    }
   }
 }
 
@@ -297,12 +328,14 @@ bool ViewControl::handle(const gl::Event& e) {
   switch (e.kind) {
     case EventKind::kMouseMove: {
       const bool moved = mode_ != Mode::kNone;
+      if (moved) playing = false;
       drag(e.x, e.y);
       x_ = e.x;
       y_ = e.y;
       return moved;
     }
     case EventKind::kMouseDown:
+      playing = false;
       x_ = e.x;
       y_ = e.y;
       if (e.button == gl::MouseButton::kRight) beginDrag(Mode::kLight);
@@ -313,6 +346,7 @@ bool ViewControl::handle(const gl::Event& e) {
       mode_ = light_key_ ? Mode::kLight : Mode::kNone;
       return true;
     case EventKind::kScroll:
+      playing = false;
       zoom(e.y);
       return true;
     case EventKind::kResize:
@@ -339,7 +373,21 @@ bool ViewControl::handle(const gl::Event& e) {
     show_pages = !show_pages;
   } else if (e.key == "A") {
     occlusion = !occlusion;
+  } else if (e.key == "N") {
+    if (!view_.lights.empty()) view_.held = (view_.held + 1) % view_.lights.size();
+    takeHeldDirection();
+  } else if (e.key == "M") {
+    const auto now = std::find(shadings.begin(), shadings.end(), shading);
+    const auto next = now == shadings.end() ? shadings.begin() : now + 1;
+    shading = next == shadings.end() ? ReliefShading::Kind::kNone : *next;
+  } else if (e.key == "H") {
+    shadows = !shadows;
+  } else if (e.key == "G") {
+    gloss = !gloss;
+  } else if (e.key == "Space") {
+    playing = animated && !playing;
   } else if (e.key == "O") {
+    playing = false;
     OrbitCamera& c = view_.camera;
     c.orthographic = !c.orthographic;
     // Orthographic views zoom in without moving an eye, which may be anywhere.
@@ -347,6 +395,7 @@ bool ViewControl::handle(const gl::Event& e) {
     keepNearPlane();
     grabbed_ = grabbed_ && pointUnder(c, x_, y_, grabbed_mm_.z, &grabbed_mm_);
   } else if (e.key == "R") {
+    playing = false;
     view_ = start_;
     keepNearPlane();
     grabbed_ = false;

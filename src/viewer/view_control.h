@@ -3,8 +3,11 @@
 //   middle, shift+left  pans: the grabbed point stays under the mouse
 //   wheel               zooms: the point under the mouse stays there
 //   right drag, L+move  moves the light
+//   Space               plays or pauses what moves by itself; a hand on camera or light pauses it
 //   O                   switches between perspective and orthographic; the target keeps its size and place
-//   A                   switches ambient occlusion
+//   N                   chooses the next of several lights to move; a near one moves across the line of sight
+//   M                   shows the next shading in the place of colour and light, at last these again
+//   H, A, G             switch shadows, ambient occlusion, gloss
 //   W, P                switch the wireframe and the page overlay
 //   R, S                reset the view; save a snapshot
 //   F1, F2, Esc         show help; show figures; quit
@@ -18,7 +21,10 @@
 #include <functional>
 #include <optional>
 #include <utility>
+#include <vector>
 
+#include "src/engine/effects/lights.h"
+#include "src/engine/effects/relief_shading.h"
 #include "src/engine/eye_guard.h"
 #include "src/gl/window.h"
 #include "src/render/camera.h"
@@ -30,6 +36,10 @@ class ViewControl {
   struct View {
     OrbitCamera camera;
     std::array<double, 3> light{0, 0, 1};  // unit, z > 0
+    // The scene's, in its place. The mouse moves the one with the number `held`, at first the first that is far away;
+    // if that is far away it is at `light`.
+    std::vector<SceneLight> lights;
+    size_t held = 0;
   };
   static constexpr double kMaxTiltDeg = 85;
   static constexpr double kWheelFactor = 0.85;  // of the distance, a step
@@ -50,14 +60,24 @@ class ViewControl {
   bool setGuard(const EyeGuard* guard);
 
   const View& view() const { return view_; }
+  // The view of a moment of what moves by itself, as it is.
+  void show(const OrbitCamera& camera, const std::vector<SceneLight>& lights);
   bool draggingLight() const { return mode_ == Mode::kLight; }
+  bool shadows = false, gloss = false;
+  ReliefShading::Kind shading = ReliefShading::Kind::kNone;
+  std::vector<ReliefShading::Kind> shadings;  // that the artwork can be shown with, besides kNone
   bool occlusion = false, wireframe = false, show_pages = false, help = false, figures = false;
+  bool animated = false, playing = false;  // does anything move by itself; is it moving
   bool quit = false;
   bool wantsSnapshot() const { return snapshot_requested_; }
   bool takeSnapshotRequest() { return std::exchange(snapshot_requested_, false); }
 
  private:
   enum class Mode { kNone, kOrbit, kPan, kLight };
+  // The one of view().lights that the mouse moves; null: view().light alone.
+  SceneLight* heldLight() { return view_.held < view_.lights.size() ? &view_.lights[view_.held] : nullptr; }
+  void takeHeldDirection();
+  void moveLight(double dx, double dy);
   void beginDrag(Mode mode);
   void drag(double x, double y);
   void turn(double azimuth_deg, double elevation_deg);

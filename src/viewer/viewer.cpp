@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <chrono>
+#include <cmath>
 #include <cstdio>
 #include <deque>
 #include <filesystem>
@@ -38,8 +39,9 @@ constexpr int kCalmFrames = 12;
 // A camera stands still once it has not moved for this long, s; less than kCalmS, so that what follows from it is
 // drawn.
 constexpr double kStillS = 0.3;
-constexpr double kIdleWaitS = 0.25;  // between looks at the clock then
-constexpr double kIdleRedrawS = 1;   // and between pictures: a page that failed may be tried again
+constexpr double kIdleWaitS = 0.25;         // between looks at the clock then
+constexpr double kUsualReflectance = 0.04;  // of gloss that a key turns on: varnish
+constexpr double kIdleRedrawS = 1;          // and between pictures: a page that failed may be tried again
 
 double nowSeconds() {
   return std::chrono::duration<double>(std::chrono::steady_clock::now().time_since_epoch()).count();
@@ -110,7 +112,7 @@ class ViewLoop {
 
  private:
   // Frames follow one another; else events are waited for.
-  bool busy(double now) const { return options_.frames > 0 || !calm(now) || refining(now); }
+  bool busy(double now) const { return options_.frames > 0 || control_.playing || !calm(now) || refining(now); }
   bool calm(double now) const {
     return calm_frames_ >= kCalmFrames * options_.engine.feedback_interval &&
            now >= changed_at_ + (shown_.missing_pages > 0 || switching_ ? kCalmMissingS : kCalmS);
@@ -120,8 +122,12 @@ class ViewLoop {
     return lacks_samples_ && calm(now) && now >= changed_at_ + options_.scene.page_fade_s;
   }
   bool takeEvents(bool busy);
+  // The next moment of what moves by itself. True: something did.
+  bool play(double now);
   // Is there anything to draw? Notes what the head-up display shows of it.
   bool toDraw(double now, bool busy, bool changed);
+  void showHeldLight();
+  void noteKeys(const Scene& wanted, double now);
   Scene sceneAt(double now);
   std::array<int, 2> pictureSize() const;  // after sceneAt()
   Result<EngineStats> drawScene(double now);
@@ -160,7 +166,10 @@ class ViewLoop {
                                                     ? std::optional<FrameTimeControl>(options_.frame_ms)
                                                     : std::nullopt;
   std::array<uint64_t, 6> progress_{};
-  OrbitCamera camera_;  // of the last frame
+  std::array<int, 4> keys_{-1, 0, 0, 0};  // what keys chose by the last frame; below 0: there was none
+  OrbitCamera camera_;                    // of the last frame
+  const OrbitCamera start_camera_ = control_.view().camera;
+  double play_s_ = 0, played_at_ = nowSeconds();  // of the animation; when that was, by the clock
   FrameMeter meter_;
   HudState shown_;
 };
@@ -175,6 +184,15 @@ bool ViewLoop::takeEvents(bool busy) {
   return changed;
 }
 
+bool ViewLoop::play(double now) {
+  const double before = std::exchange(played_at_, now);
+  if (!control_.playing) return false;
+  play_s_ = std::fmod(play_s_ + now - before, options_.animation.duration_s);
+  control_.show(cameraAt(options_.animation, start_camera_, window_.height(), play_s_),
+                relievo::sceneAt(options_.animation, options_.scene, play_s_).lights);
+  return true;
+}
+
 bool ViewLoop::toDraw(double now, bool busy, bool changed) {
   if (control_.draggingLight()) light_until_ = now + kLightGaugeS;
   if (changed) changed_at_ = now;
@@ -187,8 +205,38 @@ bool ViewLoop::toDraw(double now, bool busy, bool changed) {
   shown_.message = now < message_until_ ? message_ : std::string();
   shown_.help = control_.help;
   if (control_.figures != shown_.figures.has_value()) changed_at_ = now;
-  shown_.light = control_.view().light;
+  showHeldLight();
   return true;
+}
+
+// A near light is shown by its direction from what the camera looks at.
+void ViewLoop::showHeldLight() {
+  const ViewControl::View& view = control_.view();
+  shown_.light = view.light;
+  shown_.held_light.clear();
+  if (view.held >= view.lights.size()) return;
+  const SceneLight& held = view.lights[view.held];
+  if (view.lights.size() > 1 || held.near)
+    shown_.held_light = "light " + std::to_string(view.held + 1) + " of " + std::to_string(view.lights.size());
+  if (!held.near) return;
+  char text[96];
+  std::snprintf(text, sizeof text, ", near, at %.4g %.4g %.4g mm", held.place[0], held.place[1], held.place[2]);
+  shown_.held_light += text;
+  const glm::dvec3 way = glm::dvec3(held.place[0], held.place[1], held.place[2]) - view.camera.target_mm;
+  const double length = glm::length(way);
+  if (length > 0) shown_.light = {way.x / length, way.y / length, way.z / length};
+}
+
+// Says which keys cannot change the picture.
+void ViewLoop::noteKeys(const Scene& wanted, double now) {
+  const std::array<int, 4> keys{static_cast<int>(control_.shading), control_.shadows, control_.gloss,
+                                static_cast<int>(control_.view().held)};
+  const std::array<int, 4> before = std::exchange(keys_, keys);
+  if (before == keys || before[0] < 0) return;
+  const EffectPlan plan = planEffects(wanted, engine_.manifest());
+  if (before[3] != keys[3]) light_until_ = now + kLightGaugeS;
+  if (before[1] < keys[1] && !plan.shadows) say("shadows change nothing: nothing is lit, or no relief is shown", now);
+  if (before[2] < keys[2] && !plan.gloss) say("gloss changes nothing: nothing is lit, or no relief is shown", now);
 }
 
 Scene ViewLoop::sceneAt(double now) {
@@ -203,10 +251,14 @@ Scene ViewLoop::sceneAt(double now) {
   if (exact_still_ && !moving_) wanted.least_cell = 0;
   if (frame_time_ && moving_) wanted = frame_time_->spend(wanted);
   wanted.light = control_.view().light;
-  if (const SceneLight* turned = firstFarLight(wanted.lights))
-    wanted.lights[static_cast<size_t>(turned - wanted.lights.data())].place = wanted.light;
+  wanted.lights = control_.view().lights;
   if (!control_.occlusion) wanted.ambient_occlusion = {};
   else if (!wanted.ambient_occlusion.isOn()) wanted.ambient_occlusion.strength = kUsualOcclusion;
+  wanted.shadows = control_.shadows;
+  if (!control_.gloss) wanted.gloss = {};
+  else if (!wanted.gloss.isOn()) wanted.gloss.reflectance = kUsualReflectance;
+  if (wanted.shading.kind != control_.shading)
+    wanted.shading = {.kind = control_.shading, .map = wanted.shading.map, .up = wanted.shading.up};
   wanted.wireframe = control_.wireframe;
   wanted.overlay = control_.show_pages ? &kPagesEffect : overlay == &kPagesEffect ? nullptr : overlay;
   return wanted;
@@ -218,7 +270,9 @@ std::array<int, 2> ViewLoop::pictureSize() const {
 }
 
 Result<EngineStats> ViewLoop::drawScene(double now) {
-  if (Result<void> set = engine_.setScene(sceneAt(now)); !set) return set.error();
+  const Scene wanted = sceneAt(now);
+  if (Result<void> set = engine_.setScene(wanted); !set) return set.error();
+  noteKeys(wanted, now);
   const auto [width_px, height_px] = pictureSize();
   if (width_px != engine_.width() || height_px != engine_.height()) changed_at_ = now;
   engine_.resize(width_px, height_px);
@@ -261,6 +315,9 @@ void ViewLoop::drawHud(const EngineStats& stats) {
   const EffectPlan& plan = engine_.plan();
   shown_.unlit = !plan.lit();
   shown_.shading = plan.shading != ReliefShading::Kind::kNone ? shadingName(plan.shading) : "";
+  shown_.shadows = plan.shadows;
+  shown_.ambient_occlusion = plan.ambient_occlusion;
+  shown_.gloss = plan.gloss;
   shown_.fps = meter_.meanSeconds() > 0 ? 1 / meter_.meanSeconds() : 0;
   shown_.frame_ms = meter_.meanSeconds() * 1000;
   shown_.resident_pages = stats.resident;
@@ -271,6 +328,9 @@ void ViewLoop::drawHud(const EngineStats& stats) {
   shown_.predicted_error_px = stats.predicted_error_px;
   shown_.mm_per_px = stats.orthographic ? stats.mm_per_px * engine_.width() / window_.width() : 0;  // of the window
   shown_.size_known = stats.size_known;
+  shown_.duration_s = options_.animation.duration_s;
+  shown_.time_s = play_s_;
+  shown_.playing = control_.playing;
   shown_.figures.reset();
   if (control_.figures) shown_.figures = hudFigures(stats, engine_.manifest());
   engine_.present(window_.width(), window_.height());
@@ -287,7 +347,8 @@ Result<void> ViewLoop::run() {
       continue;
     }
     const double now = nowSeconds();
-    if (!toDraw(now, busy_now, changed)) continue;
+    const bool moved = play(now);
+    if (!toDraw(now, busy_now, changed || moved)) continue;
     last_ = frames + 1 == options_.frames;
     auto stats = drawScene(now);
     if (!stats) return stats.error();
@@ -329,6 +390,7 @@ Result<void> runViewer(Artwork artwork, const ViewerOptions& options) {
 
   ViewControl::View start;
   start.light = options.scene.light;
+  start.lights = options.scene.lights;
   Result<OrbitCamera> camera = options.camera ? options.camera(extent, window.width(), window.height())
                                               : fitCamera(extent, window.width(), window.height());
   if (!camera) return camera.error();
@@ -339,6 +401,15 @@ Result<void> runViewer(Artwork artwork, const ViewerOptions& options) {
                                                    y * engine.height() / window.height());
                       }});
   control.occlusion = options.scene.ambient_occlusion.isOn();
+  control.animated = control.playing = options.animation.isOn();
+  control.shadows = options.scene.shadows;
+  control.gloss = options.scene.gloss.isOn();
+  control.shading = options.scene.shading.kind;
+  for (const auto kind : {ReliefShading::Kind::kSlope, ReliefShading::Kind::kCurvature, ReliefShading::Kind::kDepth}) {
+    Scene shaded = options.scene;
+    if (shaded.shading.kind != kind) shaded.shading = {.kind = kind};
+    if (sceneProblem(shaded, engine.manifest()).empty()) control.shadings.push_back(kind);
+  }
   control.wireframe = options.scene.wireframe;
   control.show_pages = options.scene.overlay == &kPagesEffect;
 

@@ -10,6 +10,7 @@
 
 #include "src/base/result.h"
 #include "src/engine/engine.h"
+#include "src/engine/scene_animation.h"
 #include "src/render/camera.h"
 #include "src/render/picture_target.h"
 
@@ -24,8 +25,10 @@ struct ViewerOptions {
   int width_px = 1280, height_px = 800;
   std::array<uint8_t, 3> background = kPictureGrey;
   Scene scene;
+  // What of it moves by itself, over and over, from the beginning on; usually nothing.
+  SceneAnimation animation;
   EngineOptions engine;
-  // The view to start with, for the size that the window got.
+  // The view to start with, for the size that the window got: that of the animation's beginning.
   std::function<Result<OrbitCamera>(const Extent&, int width_px, int height_px)> camera;
   // Whether a camera that stands still is drawn with Scene::least_cell 0. kAuto: not with software OpenGL, where the
   // next motion would begin with a slow frame, nor where `frames` is set.

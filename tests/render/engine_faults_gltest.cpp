@@ -521,6 +521,38 @@ TEST_F(EngineFaults, TheSmallestLegalCacheDraws) {
   EXPECT_GT(uploadsOf(engine->stats().streamer), least) << "does it stream at all?";
 }
 
+// Relief alone that the cache has no place for: the view gives up detail until it fits. What exceeds the cache with the
+// least detail, too, ends with an error as soon as no page is under way, long before this timeout.
+TEST_F(EngineFaults, AViewOfMoreReliefThanTheCacheHoldsEnds) {
+  if (test::openGlEs() && !test::longTests()) return;  // nothing here depends on what draws
+  constexpr double kWithoutEnd_s = 1e6;
+  EngineOptions options;
+  options.cache_mib = (package_->manifest().domain.flat().patchCount() * 4 + 16.5) * double{kSlotBytes} / (1024 * 1024);
+  Scene scene = kPlain;
+  scene.least_cell = 0;
+  const auto settle = [&](double error_px, std::shared_ptr<const PageSource> source) {
+    scene.error_px = error_px;
+    auto engine = makeEngine(std::move(source), options, scene);
+    OrbitCamera near;
+    near.distance_mm = 150;
+    engine->setCamera(near);
+    const auto settled = engine->settle(kWithoutEnd_s);
+    return std::pair(settled ? "" : settled.error().text(), engine->stats().detail_bias);
+  };
+  const auto [problem, bias] = settle(0.2, package_);
+  EXPECT_EQ(problem, "");
+  EXPECT_GT(bias, 0.3) << "is there any pressure?";
+  EXPECT_LT(bias, kMaxDetailBias / 2) << "it gives up no more than it must";
+  const std::string unsettled = settle(0, package_).first;
+  EXPECT_NE(unsettled.find("cannot settle: 0 pages under way"), std::string::npos) << unsettled;
+  EXPECT_NE(unsettled.find("raise --cache-mib"), std::string::npos) << unsettled;
+  // Reads that fail, and wait to be tried again, end nothing.
+  const auto failing =
+      std::make_shared<FailingSource>(package_, FailingSource::Rates{.fail = 0.04, .truncate = 0.04}, kSeed);
+  EXPECT_EQ(settle(0.2, failing).first, "");
+  EXPECT_GT(failing->maxAttempts(), 1) << "another seed, please";
+}
+
 TEST_F(EngineFaults, ACacheOfAQuarterOfTheWorkingSetEndsStill) {
   // The whole picture a little finer than the screen, so that hundreds of pages are in view.
   constexpr int kWide = 960, kHigh = 540;

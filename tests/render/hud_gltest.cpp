@@ -65,10 +65,18 @@ TEST(Hud, LineNamesTheFigures) {
   s.missing_pages = 0;
   EXPECT_EQ(hudLine(s),
             "31 fps  31.9 ms   pages 312 of 3628, 0 missing   error at most 8.60 px in places (asked for 1.0)");
+  s = {.duration_s = 4, .time_s = 1.26, .playing = true};
+  EXPECT_TRUE(hudLine(s).ends_with("   1.3 of 4.0 s, playing"));
+  s.playing = false;
+  EXPECT_TRUE(hudLine(s).ends_with("   1.3 of 4.0 s, paused"));
   s = {.unlit = true};
   EXPECT_TRUE(hudLine(s).ends_with("   unlit"));
   s.shading = "slope";
   EXPECT_TRUE(hudLine(s).ends_with(" px   slope"));
+  s = {.shadows = true, .gloss = true};
+  EXPECT_TRUE(hudLine(s).ends_with(" px   shadows, gloss"));
+  s = {.unlit = true, .ambient_occlusion = true};
+  EXPECT_TRUE(hudLine(s).ends_with(" px   unlit, ambient occlusion"));
 }
 
 TEST(Hud, DrawsInItsCornerAndNowhereElse) {

@@ -160,11 +160,9 @@ TEST(Lights, OfOneWhiteLightLeaveNoTrace) {
   moved.lights[0].place = {1, 2, 3};
   moved.lights[1].intensity = 3;
   EXPECT_EQ(planEffects(moved, m), planEffects(near, m));
-  // Near lights cast no shadows; an unlit picture has no lights.
+  // Near lights cast shadows, too; an unlit picture has no lights.
   Scene only_near{.shadows = true};
   only_near.lights = {kNear};
-  EXPECT_FALSE(planEffects(only_near, m).shadows);
-  only_near.lights.push_back(kWarm);
   EXPECT_TRUE(planEffects(only_near, m).shadows);
   only_near.unlit = true;
   EXPECT_EQ(planEffects(only_near, manifestOf(Basis::kColour)).lights, 0);
@@ -249,10 +247,11 @@ TEST(Lights, CastTheirOwnShadows) {
   EXPECT_EQ(engine->plan().lights, 3);
   EXPECT_LE(others(both, shadowed(kWarm.place, {}), 0), 20);
   EXPECT_LE(others(both, shadowed(kCold.place, {}), 1), 20);
-  EXPECT_LE(others(both, shadowed({}, {{.near = true, .place = kNear.place}}, false), 2), 20) << "it casts none";
+  EXPECT_LE(others(both, shadowed({}, {{.near = true, .place = kNear.place}}), 2), 20);
   // Controls: without shadows, and with those of the other light.
   EXPECT_GT(others(both, shadowed(kWarm.place, {}, false), 0), 1000);
   EXPECT_GT(others(both, shadowed(kCold.place, {}), 0), 1000);
+  EXPECT_GT(others(both, shadowed({}, {{.near = true, .place = kNear.place}}, false), 2), 500);
 }
 
 // From a light that is resolved once a page to lights that are not, and back; the picture is that of an engine that was

@@ -2,6 +2,7 @@
 // followed in double precision. What is lit or dark by more than a margin must be drawn so.
 #include <gtest/gtest.h>
 
+#include "src/base/srgb.h"
 #include "src/render/shadow_view.h"
 #include "tests/render/dense_subjects.h"
 #include "tests/render/height_profile.h"
@@ -28,11 +29,12 @@ double heightAt(double x, double y) {
   return std::min(kHighestMm, h + 1.2 * wall * end);
 }
 
-// How far the line from a place of the surface to the light stays above it, mm; below 0: it does not.
-double clearance(const glm::dvec3& place, const glm::dvec3& light) {
+// How far the line from a place of the surface to the light, which is so far away, stays above it, mm; below 0: it does
+// not.
+double clearance(const glm::dvec3& place, const glm::dvec3& light, double length_mm = 60) {
   constexpr double kStepMm = 0.02, kStartMm = 0.6;  // beyond the place's own surroundings
   double least = 1e9;
-  for (double t = kStartMm; place.z + t * light.z < kHighestMm && t < 60; t += kStepMm) {
+  for (double t = kStartMm; place.z + t * light.z < kHighestMm && t < length_mm; t += kStepMm) {
     const glm::dvec3 p = place + t * light;
     if (std::max(std::abs(p.x), std::abs(p.y)) > kSide / 2 * kMmPerPx) break;
     least = std::min(least, p.z - heightAt(p.x, p.y));
@@ -78,7 +80,8 @@ struct Drawn {
   ViewTransform view;
   std::vector<std::string> passes;
 };
-Drawn draw(const Scene& scene, const OrbitCamera& camera, bool reversed_depth, int side) {
+// refined: as it settles; else as it moves, with hard shadows and no ambient occlusion.
+Drawn draw(const Scene& scene, const OrbitCamera& camera, bool reversed_depth, int side, bool refined = true) {
   const HeightsOfProfile heights(kSide, kHighestMm, heightAt);
   EngineOptions options;
   options.reversed_depth = reversed_depth;
@@ -90,7 +93,7 @@ Drawn draw(const Scene& scene, const OrbitCamera& camera, bool reversed_depth, i
     Scene now = scene;
     now.shadows = shadows;
     EXPECT_TRUE(engine->setScene(now).ok());
-    auto settled = engine->settle(60);
+    auto settled = engine->settle(60, refined);
     EXPECT_TRUE(settled.ok()) << (settled.ok() ? "" : settled.error().text());
     (shadows ? drawn.shadowed : drawn.lit) = engine->readPixels();
   }
@@ -196,6 +199,68 @@ TEST(Shadows, LieWhereLinesToTheLightMeetTheSurface) {
     }
 }
 
+// ---- near lights
+
+std::vector<Judged> towardsPlace(const std::vector<std::pair<size_t, glm::dvec3>>& places, const glm::dvec3& light_mm) {
+  std::vector<Judged> all;
+  for (const auto& [at, place] : places) {
+    const glm::dvec3 way = light_mm - place;
+    const double length = glm::length(way);
+    if (length > 1.5 && glm::dot(normalAt(place), way) >= 0.15 * length)
+      all.push_back({at, clearance(place, way / length, length)});
+  }
+  return all;
+}
+// Of the light alone: what is dark keeps the ambient share, at most a quarter of such places' light.
+Counts judgedNear(const std::vector<Judged>& places, const Drawn& drawn, const std::vector<uint8_t>& shadowed) {
+  Counts counts;
+  for (const auto& [at, above] : places) {
+    const double lit = linearFromSrgb(drawn.lit[at] / 255.0), share = linearFromSrgb(shadowed[at] / 255.0) / lit;
+    if (std::abs(above) < kMarginMm || drawn.lit[at] < 12) {
+      ++counts.margin;
+      continue;
+    }
+    ++counts.sure;
+    counts.dark += above < 0;
+    counts.wrong += above < 0 ? share > 0.5 : share < 0.85;
+  }
+  return counts;
+}
+
+// From before the artwork, from beside it, and from amid its heights, which several maps around the light hold. With
+// OpenGL ES from the second alone.
+TEST(Shadows, OfNearLightsLieWhereLinesToTheirPlacesMeetTheSurface) {
+  constexpr int kPicture = 192;
+  const glm::dvec3 places[] = {{-22, 8, 14}, {-9.5, 3, 5}, {1, 0.5, 2.4}};
+  for (const glm::dvec3& light : places) {
+    if (openGlEs() && &light != &places[1] && !longTests()) continue;
+    Scene scene;
+    scene.lights = {{.near = true, .place = {light.x, light.y, light.z}, .intensity = 3, .reference_mm = 3}};
+    if (light.z > 10) scene.lights[0].reference_mm = 12;
+    // Without shadows heights that are seen from above need no triangles, and a near light is where it is: with this
+    // the geometry of both pictures is the same.
+    scene.ambient_occlusion.strength = 1;
+    for (const OrbitCamera& camera : {fromAbove(kPicture), slanted()}) {
+      if (camera.orthographic == (light.z > 10) && !longTests()) continue;
+      const Drawn drawn = draw(scene, camera, camera.orthographic, kPicture, false);
+      ASSERT_FALSE(drawn.shadowed.empty());
+      const auto seen = placesSeen(drawn, kPicture, longTests() ? 2 : 3);
+      const auto judged_places = towardsPlace(seen, light);
+      const Counts counts = judgedNear(judged_places, drawn, drawn.shadowed);
+      EXPECT_GT(counts.sure, 1000);
+      EXPECT_GT(counts.dark, counts.sure / 50) << "there is nothing to see";
+      EXPECT_LE(counts.wrongShare(), 0.003)
+          << counts.wrong << " of " << counts.sure << ", " << light.x << (camera.orthographic ? " above" : " slanted");
+      std::printf("[ shadows  ] near: %d of %d judged places wrong, %d dark, %d not judged\n", counts.wrong,
+                  counts.sure, counts.dark, counts.margin);
+      // Controls: of a light elsewhere, and none at all.
+      EXPECT_GT(judgedNear(towardsPlace(seen, {-light.x, -light.y, light.z}), drawn, drawn.shadowed).wrongShare(),
+                0.02);
+      EXPECT_GT(judgedNear(judged_places, drawn, drawn.lit).wrongShare(), 0.02);
+    }
+  }
+}
+
 // Zoomed in, what casts lies beside the picture.
 TEST(Shadows, AreCastByWhatIsBesideThePicture) {
   constexpr int kPicture = 128;
@@ -288,6 +353,45 @@ TEST(ShadowView, HoldsWhatTheCameraSees) {
       EXPECT_LT(step.z, 0);
       EXPECT_NEAR(step.x, 0, 1e-9);
     }
+}
+
+// Whatever the camera sees lies in the part of some view that this counts for, and before its far plane.
+TEST(ShadowView, OfNearLightsHoldWhatTheCameraSees) {
+  const Extent extent{.min_mm = {-50, -30, -1}, .max_mm = {50, 30, 4}};
+  size_t fewest = 9, most = 0;
+  for (const double distance : {400.0, 30.0})
+    for (const glm::dvec3& light : {glm::dvec3(0, 0, 300), {-70, 10, 20}, {10, 5, 2}, {3, 4, -40}}) {
+      OrbitCamera camera;
+      camera.azimuth_deg = 35, camera.elevation_deg = 20, camera.distance_mm = distance;
+      const ViewTransform view = viewTransform(camera, extent, 640, 360);
+      const std::vector<ShadowView> shadows = nearShadowViews(view, extent, light);
+      fewest = std::min(fewest, shadows.size()), most = std::max(most, shadows.size());
+      int seen = 0, lost = 0, without_last = 0;
+      for (int i = 0; i <= 40; ++i)
+        for (int j = 0; j <= 40; ++j)
+          for (int k = 0; k <= 6; ++k) {
+            const glm::dvec3 p = glm::mix(extent.min_mm, extent.max_mm, glm::dvec3(i / 40.0, j / 40.0, k / 6.0));
+            const glm::dvec4 clip = view.clip_from_world * glm::dvec4(p, 1);
+            if (std::max({std::abs(clip.x), std::abs(clip.y), std::abs(clip.z)}) > clip.w) continue;
+            if (glm::length(p - light) < 1) continue;
+            ++seen;
+            const auto holds = [&](const ShadowView& shadow) {
+              const glm::dvec4 h = shadow.clip_from_world * glm::dvec4(p, 1);
+              const glm::dvec3 at = glm::dvec3(h) / h.w;
+              const double slack = 1e-9;
+              return h.w > 0 && std::max({std::abs(at.x), std::abs(at.y), std::abs(at.z)}) <= 1 &&
+                     at.x >= shadow.low.x - slack && at.x <= shadow.high.x + slack && at.y >= shadow.low.y - slack &&
+                     at.y <= shadow.high.y + slack;
+            };
+            lost += std::none_of(shadows.begin(), shadows.end(), holds);
+            without_last += std::none_of(shadows.begin(), shadows.end() - 1, holds);
+          }
+      EXPECT_GT(seen, 0);
+      EXPECT_EQ(lost, 0) << "of " << seen << " under a light at " << light.x << ", " << light.z;
+      EXPECT_GT(without_last, 0) << "the control: each view is needed";
+    }
+  EXPECT_EQ(fewest, 1u);
+  EXPECT_GE(most, 5u);
 }
 
 }  // namespace shadows_gltest

@@ -113,6 +113,54 @@ TEST(SoftShadows, OfAnEdgeHaveThePenumbraOfADisc) {
   EXPECT_GT(of_half_as_wide, 0.15) << "the control";
 }
 
+// The same edge under a near disc of light. Whether a place of the disc is seen past the edge is linear in where it is,
+// so that the share is that of the disc on one side of a line.
+TEST(SoftShadows, OfANearDiscHaveItsPenumbra) {
+  if (openGlEs() && !longTests()) return;
+  constexpr int kPicture = 64;
+  constexpr double kDiameterMm = 5;
+  const glm::dvec3 light(-9, 0, 9), axis = glm::normalize(light - glm::dvec3(0, 0, 0));
+  Scene scene{.error_px = 0.2};
+  scene.least_cell = 0;
+  scene.lights = {{.near = true, .place = {light.x, light.y, light.z}, .reference_mm = 9}};
+  auto engine = engineOf(plateau, scene, kPicture);
+  ASSERT_TRUE(engine);
+  const auto lit = settled(*engine, scene);
+  scene.shadows = true;
+  const auto hard = settled(*engine, scene);
+  scene.lights[0].size_mm = kDiameterMm;
+  const auto soft = settled(*engine, scene);
+  EXPECT_EQ(engine->stats().directions, kLightDirections);
+  // The light that a byte shows over the ambient share, which falls off with it.
+  const auto shareAt = [&](const std::vector<uint8_t>& picture, size_t at, double cosine) {
+    const double ratio = linearFromSrgb(picture[at] / 255.0) / linearFromSrgb(lit[at] / 255.0);
+    const double full = 0.04 + 0.96 * cosine;
+    const double under = srgbFromLinear(ratio * linearFromSrgb(std::pow(full, 1 / 2.2)));
+    return (std::pow(under, 2.2) - 0.04) / (full - 0.04);
+  };
+  double largest = 0, of_hard = 0, of_half_as_wide = 0;
+  int between = 0;
+  for (int x = kPicture / 2 + 2; x < kPicture - 1; ++x)
+    for (int y = kPicture / 4; y < kPicture * 3 / 4; y += 4) {
+      const size_t at = static_cast<size_t>(y * kPicture + x) * 4;
+      const glm::dvec2 p = placeOf(x, y, kPicture);
+      const double cosine = light.z / glm::length(light - glm::dvec3(p, 0));
+      const glm::dvec3 rise(kHighestMm, 0, p.x);
+      const double above = light.z * p.x + kHighestMm * light.x - kHighestMm * p.x;
+      const double half = glm::length(rise - axis * glm::dot(axis, rise)) * kDiameterMm / 2;
+      const double expected = discBelow(above / half);
+      between += expected > 0.02 && expected < 0.98;
+      largest = std::max(largest, std::abs(shareAt(soft, at, cosine) - expected));
+      of_hard = std::max(of_hard, std::abs(shareAt(hard, at, cosine) - expected));
+      of_half_as_wide = std::max(of_half_as_wide, std::abs(shareAt(soft, at, cosine) - discBelow(2 * above / half)));
+    }
+  std::printf("[ softness ] near penumbra off by at most %.3f\n", largest);
+  EXPECT_GT(between, 50);
+  EXPECT_LE(largest, 0.11);
+  EXPECT_GT(of_hard, 0.4) << "the control";
+  EXPECT_GT(of_half_as_wide, 0.12) << "the control";
+}
+
 // Is the sky seen from a place of the surface in this direction? Followed in double precision.
 bool seen(const HeightProfile& height, const glm::dvec3& place, const glm::dvec3& towards) {
   constexpr double kStepMm = 0.05, kStartMm = 0.15;
@@ -384,12 +432,14 @@ TEST(SoftShadows, ThatAreOffLeaveNoTrace) {
             (std::vector<std::string>{"surface", "shadow map", "shadow", "soft shadow", "shade", "feedback"}));
   EXPECT_EQ(passes(sky), (std::vector<std::string>{"surface", "sky map", "sky", "shade", "feedback"}));
   EXPECT_EQ(planEffects(sky, m).planesRead(), planEffects({}, m).planesRead());
-  // Among several lights a size counts where one is far away; near ones cast no shadows.
+  // Among several lights each size counts.
   Scene lights = hard;
   lights.lights = {{.place = {1, 0, 1}, .intensity = 0.5}, {.near = true, .place = {0, 0, 9}}};
   EXPECT_FALSE(planEffects(lights, m).soft_shadows);
   lights.lights[0].size_deg = 5;
-  EXPECT_TRUE(planEffects(lights, m).soft_shadows);
+  EXPECT_TRUE(planEffects(lights, m).soft_shadows && !planEffects(lights, m).soft_near);
+  lights.lights[0].size_deg = 0, lights.lights[1].size_mm = 5;
+  EXPECT_TRUE(planEffects(lights, m).soft_shadows && planEffects(lights, m).soft_near);
   lights.lights = {{.place = {1, 0, 1}, .size_deg = 5}};
   EXPECT_EQ(planEffects(lights, m), planEffects(soft, m)) << "one white light, however it is said";
   EXPECT_EQ(singleLightSize(lights), 5);

@@ -70,6 +70,7 @@ relievo_gltest(page_fade_gltest LIBS relievo_engine relievo_dense_pages SOURCES 
 relievo_gltest(sample_equals_dense_gltest GL_ONLY LIBS relievo_engine relievo_dense_pages relievo_sample
   SOURCES render/sample_equals_dense_gltest.cpp)
 relievo_test(view_control_test LIBS relievo_viewer SOURCES render/view_control_test.cpp)
+relievo_test(scene_animation_test LIBS relievo_engine SOURCES render/scene_animation_test.cpp)
 relievo_test(frame_time_control_test LIBS relievo_viewer SOURCES render/frame_time_control_test.cpp)
 relievo_gltest(eye_outside_gltest GL_ONLY LIBS relievo_viewer relievo_lod SOURCES render/eye_outside_gltest.cpp)
 relievo_gltest(hud_gltest LIBS relievo_viewer SOURCES render/hud_gltest.cpp)

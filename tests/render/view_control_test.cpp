@@ -261,6 +261,85 @@ TEST(ViewControl, KeysToggleResetAndQuit) {
   EXPECT_TRUE(control.quit);
 }
 
+TEST(ViewControl, AHandStopsWhatMovesByItself) {
+  ViewControl control(extentOf(artwork()), startView(), kWidth, kHeight);
+  Hand hand{control};
+  hand.press("Space");
+  EXPECT_FALSE(control.playing) << "nothing moves";
+  control.animated = true;
+  const auto stops = [&](auto&& act) {
+    hand.press("Space");
+    EXPECT_TRUE(control.playing);
+    hand.to(10, 10);
+    hand.press("W");
+    EXPECT_TRUE(control.playing) << "that is no hand on camera or light";
+    act();
+    EXPECT_FALSE(control.playing);
+  };
+  stops([&] { hand.press("Space"); });
+  stops([&] { hand.wheel(1); });
+  stops([&] { hand.drag(MouseButton::kLeft, 10, 10, 50, 50); });
+  stops([&] { hand.drag(MouseButton::kRight, 10, 10, 50, 50); });
+  stops([&] { hand.press("O"); });
+  stops([&] { hand.press("R"); });
+  stops([&] { hand.press("L"), hand.to(60, 60), hand.release("L"); });
+  OrbitCamera camera = startView().camera;
+  camera.azimuth_deg = 200;
+  SceneLight near{.near = true, .place = {1, 2, 3}}, far{.place = {0, 3, 4}};
+  control.show(camera, {near, far});
+  EXPECT_EQ(control.view().camera, camera) << "as it is";
+  EXPECT_EQ(control.view().light, (std::array{0.0, 0.6, 0.8}));
+  hand.drag(MouseButton::kRight, 10, 10, 50, 10);
+  EXPECT_EQ(control.view().lights[0], near);
+  EXPECT_NEAR(control.view().lights[1].place[0], 0.1, 1e-12);
+  EXPECT_EQ(control.view().lights[1].place, control.view().light);
+}
+
+TEST(ViewControl, KeysChooseShadingEffectsAndTheLightToMove) {
+  using Kind = ReliefShading::Kind;
+  ViewControl::View start = startView();
+  start.lights = {{.near = true, .place = {1, 2, 30}}, {.place = {0, 3, 4}, .intensity = 0}, {.place = {3, 0, 4}}};
+  ViewControl control(extentOf(artwork()), start, kWidth, kHeight);
+  Hand hand{control};
+  hand.press("M");
+  EXPECT_EQ(control.shading, Kind::kNone) << "there is none to show";
+  control.shadings = {Kind::kSlope, Kind::kDepth};
+  for (const Kind expected : {Kind::kSlope, Kind::kDepth, Kind::kNone, Kind::kSlope}) {
+    hand.press("M");
+    EXPECT_EQ(control.shading, expected);
+  }
+  for (const bool on : {true, false}) {
+    hand.press("H"), hand.press("G");
+    EXPECT_EQ(control.shadows, on);
+    EXPECT_EQ(control.gloss, on);
+  }
+  // At first the first that is far away and on; then one after the other.
+  EXPECT_EQ(control.view().held, 2u);
+  const auto dragged = [&] {
+    const auto before = control.view().lights;
+    hand.drag(MouseButton::kRight, 600, 400, 680, 360);
+    std::vector<size_t> moved;
+    for (size_t i = 0; i < before.size(); ++i)
+      if (control.view().lights[i].place != before[i].place) moved.push_back(i);
+    return moved;
+  };
+  EXPECT_EQ(dragged(), (std::vector<size_t>{2}));
+  EXPECT_EQ(control.view().lights[2].place, control.view().light);
+  hand.press("N");
+  EXPECT_EQ(dragged(), (std::vector<size_t>{0}));
+  // A near one goes with the mouse, by what a pixel is worth.
+  const double mm = mmPerPx(control.view().camera, kHeight);
+  EXPECT_NEAR(control.view().lights[0].place[0], 1 + 80 * mm, 1e-9);
+  EXPECT_NEAR(control.view().lights[0].place[1], 2 + 40 * mm, 1e-9);
+  EXPECT_NEAR(control.view().lights[0].place[2], 30, 1e-9);
+  hand.press("N");
+  EXPECT_NEAR(control.view().light[1], 0.6, 1e-12) << "where the next one stands";
+  EXPECT_EQ(dragged(), (std::vector<size_t>{1}));
+  hand.press("R");
+  EXPECT_EQ(control.view().lights, start.lights);
+  EXPECT_EQ(control.view().held, 2u);
+}
+
 // ---- surfaces: what is known of them analytically, seen along exact rays
 
 // Of a place of the picture on the screen: the ray's origin and direction.

@@ -40,9 +40,9 @@ fail() { echo "FAILED: $*" >&2; cat errors >&2; exit 1; }
 "$program" sample inscription --size 256x256 --package stone.relievo >/dev/null
 
 # start [OPTION...]: the viewer, once its window is there; its files may have $file_blocks blocks of 1024 bytes.
-file_blocks=unlimited
+file_blocks=unlimited artwork=stone.relievo
 start() {
-  ( ulimit -f "$file_blocks"; exec "$program" view stone.relievo --size 600x400 --print-view "$@" >view.json 2>errors ) &
+  ( ulimit -f "$file_blocks"; exec "$program" view "$artwork" --size 600x400 --print-view "$@" >view.json 2>errors ) &
   viewer=$!
   for _ in $(seq 300); do
     if xdotool search --onlyvisible --name 'stone.relievo - Relievo' >/dev/null 2>&1; then
@@ -208,6 +208,54 @@ expect light 0.2 1
 cmp stone-0003.png lights.png || fail "the scene of several lights is another picture: $(cat stone-0003.json)"
 "$program" render stone-0003.json --light 1,0,1 -o one-light.png
 if cmp -s lights.png one-light.png; then fail "the control has one light"; fi
+rm stone-0003.png stone-0003.json
+
+# Keys choose shading and effects, and which light a drag moves; the scene beside the picture says so, and draws it. (Hysteresis remembers the
+# triangles of what was shown before, which a scene does not.)
+start --exact-still on --hysteresis 0 --lights '[{"towards":[-0.6,0,0.8]},{"position_mm":[-100,60,90]}]'
+for key in h g n; do xdotool key "$key"; done
+xdotool mousemove 300 200
+drag 3 60 -40
+sleep 2
+snapshot stone-0003.png
+xdotool key m
+sleep 2
+snapshot stone-0004.png
+finish
+grep -q '"shadows": true' stone-0003.json || fail "H did not turn shadows on: $(cat stone-0003.json)"
+grep -q '"reflectance": 0.04' stone-0003.json || fail "G did not turn gloss on: $(cat stone-0003.json)"
+grep -q shading stone-0003.json && fail "the scene has a shading: $(cat stone-0003.json)"
+grep -q '"kind": "slope"' stone-0004.json || fail "M did not show the slope: $(cat stone-0004.json)"
+tr -d ' \n' <stone-0003.json | grep -q '"towards":\[-0.6,0.0,0.8\]' || fail "the drag moved the other light: $(cat stone-0003.json)"
+tr -d ' \n' <stone-0003.json | grep -q '"position_mm":\[-100' && fail "the drag moved no near light: $(cat stone-0003.json)"
+for picture in stone-0003 stone-0004; do
+  "$program" render $picture.json -o shown.png
+  cmp $picture.png shown.png || fail "the scene is another picture: $(cat $picture.json)"
+done
+"$program" render stone-0003.json --light 0,0,1 -o other.png
+if cmp -s stone-0003.png other.png; then fail "the control has one light"; fi
+rm stone-000[34].png stone-000[34].json
+
+# What moves by itself plays at once; Space pauses it, and S writes that moment, which does not move.
+cat >film.json <<'END'
+{"format": "relievo-scene", "version": 1, "artwork": "stone.relievo", "camera": {"elevation_deg": 10},
+ "camera_path": [{"time_s": 0, "azimuth_deg": -40}, {"time_s": 300, "azimuth_deg": 40}],
+ "lights": [{"towards": [0, 0.5, 1], "keys": [{"time_s": 0, "towards": [0, 0.5, 1]}, {"time_s": 300, "towards": [1, 0.5, 1]}]}]}
+END
+artwork=film.json
+start --exact-still on --hysteresis 0
+xdotool key space
+sleep 2
+snapshot stone-0003.png
+finish
+artwork=stone.relievo
+value azimuth_deg | awk '{ exit !($1 > -40 && $1 < 20) }' || fail "the film did not play, or did not pause: $(cat view.json)"
+value light 0 | awk '{ exit !($1 > 0 && $1 < 0.5) }' || fail "the light of the film stood still: $(cat view.json)"
+if grep -q camera_path stone-0003.json; then fail "the scene of a moment moves"; fi
+"$program" render stone-0003.json -o moment.png
+cmp stone-0003.png moment.png || fail "the scene of a moment is another picture: $(cat stone-0003.json)"
+"$program" render film.json --size 600x400 --geomorph on --least-cell 0 -o first.png
+if cmp -s moment.png first.png; then fail "the control is the first moment"; fi
 rm stone-0003.png stone-0003.json
 
 echo "passed"

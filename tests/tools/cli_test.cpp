@@ -571,6 +571,82 @@ TEST_F(Cli, ASceneIsDrawnAsItsOptionsWouldHaveIt) {
   EXPECT_NE(lost.output.find("lost.relievo"), std::string::npos) << lost.output;
 }
 
+// Pictures of a scene that moves: each is that of its moment alone, whatever was drawn before it.
+TEST_F(Cli, ASceneThatMovesIsDrawnMomentByMoment) {
+  ASSERT_EQ(relievo("sample coin --size 128x128 --package " + file("coin.relievo")).exit_code, 0);
+  const auto scene = [](const std::string& more) {
+    return R"({"format": "relievo-scene", "version": 1, "artwork": "coin.relievo", "picture": {"size_px": [64, 48]})" +
+           more + "}";
+  };
+  write("film.json", scene(R"(, "camera_path": [{"time_s": 0, "azimuth_deg": -30}, {"time_s": 2, "azimuth_deg": 40}],
+    "lights": [{"towards": [-1, 0, 1], "keys": [{"time_s": 0, "intensity": 1}, {"time_s": 1, "intensity": 0.25}]}])"));
+  const std::string film = "render " + file("film.json");
+  const Outcome drawn = relievo(film + " --frames 3 -o " + file("f-%02d.png"));
+  if (noGl(drawn)) GTEST_SKIP() << "no GL";
+  ASSERT_EQ(drawn.exit_code, 0) << drawn.output;
+  EXPECT_EQ(filesNamed("f-0"), 3);
+  const auto same = [&](const std::string& a, const std::string& b) {
+    return run("cmp -s " + file(a) + " " + file(b)).exit_code == 0;
+  };
+  for (const std::string time : {"2", "1", "0"}) {  // f-00.png is at 0 s, and so on
+    ASSERT_EQ(relievo(film + " --time " + time + " -o " + file("moment.png")).exit_code, 0);
+    EXPECT_TRUE(same("moment.png", "f-0" + time + ".png")) << time;
+    EXPECT_FALSE(same("moment.png", "f-0" + std::to_string((time[0] - '0' + 1) % 3) + ".png")) << "the control";
+  }
+  // A moment is that of a scene that does not move; without --time it is the first.
+  write("still.json",
+        scene(R"(, "camera": {"azimuth_deg": 40}, "lights": [{"towards": [-1, 0, 1], "intensity": 0.25}])"));
+  ASSERT_EQ(relievo("render " + file("still.json") + " -o " + file("still.png")).exit_code, 0);
+  const auto distance = [&](const std::string& arguments) {
+    const Outcome r = relievo("render " + arguments + " --distance 60 -o " + file("still.png"));
+    EXPECT_EQ(r.exit_code, 0) << r.output;
+    return run("cat " + file("still.png")).output;
+  };
+  EXPECT_EQ(distance(file("still.json")), distance(file("film.json") + " --time 2"));
+  EXPECT_EQ(distance(file("film.json")), distance(file("film.json") + " --time 0"));
+  EXPECT_NE(distance(file("film.json")), distance(file("film.json") + " --time 2")) << "the control";
+  EXPECT_EQ(distance(file("film.json") + " --azimuth 5 --light 0,0,1"),
+            distance(file("film.json") + " --azimuth 5 --light 0,0,1 --time 2"))
+      << "options given beside it hold still";
+  // Interrupted, it leaves whole pictures.
+  const Outcome stopped =
+      run("( " + std::string(RELIEVO_PROGRAM) + " " + film + " --frames 90000 -o " + file("cut-%05d.png") +
+          " & pid=$!; until [ -e " + file("cut-00001.png") + " ]; do sleep 0.05; done; kill -INT $pid; wait $pid )");
+  EXPECT_EQ(stopped.exit_code, 130) << stopped.output;
+  EXPECT_LT(filesNamed("cut-"), 90000);
+  for (const auto& picture : fs::directory_iterator(folder_)) {
+    const std::string name = picture.path().filename().string();
+    if (!name.starts_with("cut-")) continue;
+    const std::string bytes = run("cat " + picture.path().string()).output;
+    EXPECT_TRUE(name.ends_with(".png") && bytes.size() > 50 && bytes.substr(bytes.size() - 8, 4) == "IEND") << name;
+  }
+}
+
+TEST_F(Cli, WhatASceneThatMovesCannotDoIsOneError) {
+  ASSERT_EQ(relievo("sample coin --size 128x128 --package " + file("coin.relievo")).exit_code, 0);
+  write("film.json", R"({"format": "relievo-scene", "version": 1, "artwork": "f-3.png",
+    "camera_path": [{"time_s": 0, "azimuth_deg": -30}, {"time_s": 2, "azimuth_deg": 40}]})");
+  for (const auto& [arguments, named] : {
+           std::pair{"film.json --time 2.5 -o a.png", "from 0 to the scene's 2 s, found 2.5"},
+           {"film.json --time 1 -o a-%d.png", "--time is of one picture"},
+           {"film.json -o a-%d.png", "say how many"},
+           {"film.json --fps 2 --frames 3 -o a-%d.png", "say how many"},
+           {"film.json --fps 2 -o a.png", "-o names one"},
+           {"film.json --fps 999999 -o a-%d.png", "--fps"},
+           {"film.json --fps 1000 --duration 3 -o a-%d.png", "--duration"},
+           {"film.json --fps 2 --stats s.json -o a-%d.png", "--stats is of one picture"},
+           {"film.json --frames 4 -o f-%d.png", "would take the place of FILE"},
+           {"coin.relievo --time 1 -o a.png", "no scene with a duration"},
+           {"coin.relievo --fps 1 -o a-%d.png", "no scene with a duration"},
+           {"coin.relievo --frames 1 -o a-%d.png", "no scene with a duration"},
+       }) {
+    const Outcome r = run("cd " + folder_ + " && " + RELIEVO_PROGRAM + " render " + arguments);
+    EXPECT_EQ(r.exit_code, 1) << arguments << r.output;
+    EXPECT_NE(r.output.find(named), std::string::npos) << arguments << r.output;
+  }
+  EXPECT_EQ(filesNamed("a-") + filesNamed("a.png"), 0);
+}
+
 TEST_F(Cli, AnOrthographicPictureHasItsScale) {
   ASSERT_EQ(
       relievo("sample inscription -o " + file("s") + " --size 400x300 --write height --package " + file("i.relievo"))

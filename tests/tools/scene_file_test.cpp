@@ -39,7 +39,25 @@ TEST(SceneFiles, ComeBackAsTheyWereWritten) {
       if (some()) light.color = {number(0, 1), 0.1, 1};
       if (light.near && some()) light.reference_mm = number(1e-3, 1e6);
       if (!light.near && some()) light.size_deg = number(0, 90);
+      if (light.near && some()) light.size_mm = number(0, 90);
       s.lights.push_back(light);
+    }
+    if (some()) {
+      s.animation.duration_s = 10;
+      for (double t = number(0, 1); t < 8; t += number(1, 4)) {
+        CameraKey key{.time_s = t, .elevation_deg = number(-89, 89)};
+        if (some()) key.azimuth_deg = number(-1000, 1000);
+        if (some()) key.target_mm = {1.0 / 3, 0, number(-9, 9)};
+        s.animation.camera.push_back(key);
+      }
+      for (const SceneLight& light : s.lights) {
+        auto& keys = s.animation.lights.emplace_back();
+        for (double t = 0; t < 10 && (!light.near || light.reference_mm > 0); t += number(1, 4))
+          keys.push_back(
+              {.time_s = t, .place = std::array{number(1, 2), number(1, 2), 1.0}, .intensity = number(0, 9)});
+      }
+      if (std::all_of(s.animation.lights.begin(), s.animation.lights.end(), [](const auto& k) { return k.empty(); }))
+        s.animation.lights.clear();
     }
     if (some()) {
       s.shading.kind = std::array{ReliefShading::Kind::kSlope, ReliefShading::Kind::kCurvature,
@@ -93,7 +111,9 @@ TEST(SceneFiles, AreRefusedNamingWhatIsWrong) {
       {kHead + R"(, "lights": [{},{},{},{},{}]})", "a list of 1 to 4 objects for 'lights'"},
       {kHead + R"(, "lights": [{}, 3]})", "expected an object for 'lights[1]'"},
       {kHead + R"(, "lights": [{}, {"colour": [1, 1, 1]}]})",
-       "there is no 'lights[1].colour'; known are towards, size_deg, position_mm, reference_mm, intensity, color"},
+       "there is no 'lights[1].colour'; known are towards, size_deg, position_mm, size_mm, reference_mm, intensity, "
+       "color, "
+       "keys"},
       {kHead + R"(, "lights": [{"position_mm": [0, 0, 1], "size_deg": 1}]})", "'lights[0].size_deg' needs"},
       {kHead + R"(, "light": {"size_deg": 91}})", "from 0 to 90 for 'light.size_deg'"},
       {kHead + R"(, "light": {"size_deg": 1}, "lights": [{}]})", "give each of them a size_deg"},
@@ -105,6 +125,38 @@ TEST(SceneFiles, AreRefusedNamingWhatIsWrong) {
       {kHead + R"(, "lights": [{}, {"towards": [0, 0, 1], "position_mm": [0, 0, 1]}]})", "'lights[1]' has both"},
       {kHead + R"(, "lights": [{"reference_mm": 3}]})", "'lights[0].reference_mm' needs"},
       {kHead + R"(, "light": {"towards": [0, 0, 1]}, "lights": [{}]})", "leave out one of them"},
+      {kHead + R"(, "camera_path": [{"time_s": 0}]})", "a list of 2 to 1000 objects for 'camera_path'"},
+      {kHead + R"(, "camera_path": [{"time_s": 0}, {}]})", "'camera_path[1].time_s' is missing"},
+      {kHead + R"(, "camera_path": [{"time_s": 1}, {"time_s": 1}]})", "'camera_path[1].time_s' is not after"},
+      {kHead + R"(, "camera_path": [{"time_s": 0}, {"time_s": 3}], "duration_s": 2})",
+       "'camera_path[1].time_s' is after 'duration_s'"},
+      {kHead + R"(, "camera_path": [{"time_s": 0, "orthographic": true}, {"time_s": 1}]})",
+       "there is no 'camera_path[0].orthographic'"},
+      {kHead + R"(, "camera_path": [{"time_s": 0, "mm_per_px": 1}, {"time_s": 1, "distance_mm": 3}]})",
+       "'camera_path' has both distance_mm and mm_per_px"},
+      {kHead + R"(, "camera_path": [{"time_s": 0, "mm_per_px": 1}, {"time_s": 1, "fov_deg": 30}]})",
+       "'camera_path' has both fov_deg and mm_per_px"},
+      {kHead + R"(, "camera": {"orthographic": true}, "camera_path": [{"time_s": 0}, {"time_s": 1, "fov_deg": 30}]})",
+       "'camera_path' has fov_deg, and the camera is orthographic"},
+      {kHead + R"(, "camera": {"fov_deg": 30}, "camera_path": [{"time_s": 0}, {"time_s": 1, "mm_per_px": 1}]})",
+       "'camera_path' has mm_per_px"},
+      {kHead + R"(, "camera": {"mm_per_px": 1}, "camera_path": [{"time_s": 0}, {"time_s": 1, "distance_mm": 1}]})",
+       "'camera_path' has distance_mm"},
+      {kHead + R"(, "lights": [{}, {"keys": [{"time_s": 1}, {"time_s": 0}]}]})",
+       "'lights[1].keys[1].time_s' is not after"},
+      {kHead + R"(, "lights": [{"keys": [{"time_s": 1}, {"time_s": 2, "position_mm": [0, 0, 1]}]}]})",
+       "'lights[0].keys[1].position_mm' is of a near light"},
+      {kHead +
+           R"(, "lights": [{"position_mm": [0, 0, 1], "keys": [{"time_s": 1, "towards": [0, 0, 1]}, {"time_s": 2}]}]})",
+       "'lights[0].keys[0].towards' is of a light far away"},
+      {kHead +
+           R"(, "lights": [{"position_mm": [0, 0, 1], "keys": [{"time_s": 1, "position_mm": [0, 0, 1]}, {"time_s": 2}]}]})",
+       "'lights[0]' moves and has no reference_mm"},
+      {kHead + R"(, "lights": [{"keys": [{"time_s": 1, "towards": [0, 0, 0]}, {"time_s": 2}]}]})",
+       "direction is zero in 'lights[0].keys[0]'"},
+      {kHead +
+           R"(, "lights": [{"keys": [{"time_s": 1, "towards": [1, 0, 0]}, {"time_s": 2, "towards": [-3, 0, 0]}]}]})",
+       "'lights[0].keys[1].towards' is opposite"},
       {kHead + R"(, "shading": {"kind": "height"}})", "one of slope, curvature, depth for 'shading.kind'"},
       {kHead + R"(, "shading": {"radius_mm": 1}})", "'shading.radius_mm' needs 'shading.kind'"},
       {kHead + R"(, "shading": {"kind": "slope", "full_deg": 91}})", "from 0.01 to 90 for 'shading.full_deg'"},
@@ -136,10 +188,18 @@ TEST(SceneFiles, AreRefusedNamingWhatIsWrong) {
 Json valueFor(const Json& schema, bool good) {
   if (schema.contains("enum")) return good ? schema["enum"][0] : Json("no such choice");
   const std::string type = schema["type"];
-  if (type == "object") return good ? Json::object() : Json("no object");
+  if (type == "object") {
+    if (!good) return Json("no object");
+    Json object = Json::object();
+    for (const Json& name : schema.value("required", Json::array()))
+      object[name.get<std::string>()] = valueFor(schema["properties"][name.get<std::string>()], true);
+    return object;
+  }
   if (type == "array") {
     Json list = Json::array();
     for (size_t i = 0; i < schema["minItems"].get<size_t>(); ++i) list.push_back(valueFor(schema["items"], good));
+    // Keys follow one another.
+    for (size_t i = 0; i < list.size() && list[i].contains("time_s"); ++i) list[i]["time_s"] = i;
     return list;
   }
   if (type == "string") return good ? Json("a.relievo") : Json(3);
@@ -159,12 +219,17 @@ void tryMembers(const Json& schema, const std::vector<std::string>& within, int&
     for (const bool good : {true, false}) {
       Json scene = Json::parse(kHead + "}");
       Json* at = &scene;
-      for (const std::string& part : path) at = part == kFirst ? &(*at)[0] : &(*at)[part];
+      for (const std::string& part : path) {
+        // Keys are two or more, one after the other, and those with a position belong to a near light.
+        if (part == "keys" && name == "position_mm") at->update(Json{{"position_mm", {0, 0, 1}}, {"reference_mm", 1}});
+        if (part == "keys" || part == "camera_path") (*at)[part] = {{{"time_s", 1}}, {{"time_s", 2}}};
+        at = part == kFirst ? &(*at)[0] : &(*at)[part];
+      }
       if (schema.contains("dependentRequired") && schema["dependentRequired"].contains(name)) {
         const std::string beside = schema["dependentRequired"][name][0];
         (*at)[beside] = valueFor(schema["properties"][beside], true);
       }
-      (*at)[name] = valueFor(member, good);
+      (*at)[name] = good && name == "time_s" ? member["minimum"] : valueFor(member, good);
       const auto read = parseScene(scene.dump(), "scene.json");
       EXPECT_EQ(read.ok(), good) << scene.dump() << (read ? "" : read.error().text());
     }

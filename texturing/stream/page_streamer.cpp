@@ -806,15 +806,20 @@ void PageStreamer::setRequestBias(std::optional<double> bias, bool moved) {
   impl_->view_moved = impl_->view_moved || moved;
 }
 
-bool PageStreamer::settled() const {
-  Impl& m = *impl_;
-  if (m.count(PageState::kQueued) + m.count(PageState::kDecoding) + m.count(PageState::kReady) > 0) return false;
+bool PageStreamer::atRest() const {
+  const Impl& m = *impl_;
+  if (m.count(PageState::kQueued) + m.count(PageState::kDecoding) > 0) return false;
   if (!m.refresh.empty() || !m.root_uploads.empty() || m.planned_frame == kNever) return false;
-  if (m.stats.deferred > 0 && m.bias.value() < kMaxDetailBias) return false;
-  if (!m.bias.isStill()) return false;
   for (const auto& [id, page] : m.pages)
     if (page.state == PageState::kFailed && !page.permanent && m.tierOf(id, page) == Tier::kVisible) return false;
   return true;
+}
+
+bool PageStreamer::settled() const {
+  const Impl& m = *impl_;
+  if (!atRest() || m.count(PageState::kReady) > 0) return false;
+  if (m.stats.deferred > 0 && m.bias.value() < kMaxDetailBias) return false;
+  return m.bias.isStill();
 }
 
 PageState PageStreamer::state(PageId id) const {

@@ -152,6 +152,10 @@ class PageStreamer {
   // bias within kLatencyLists. moved: the view differs from that of the previous lists.
   void setRequestBias(std::optional<double> bias, bool moved = false);
 
+  // True if nothing that was requested is on its way: no page is queued or being read or decoded, and none is to be
+  // read again. Then only other request lists, or another detail bias, make pages come. Decoded pages may wait for a
+  // place.
+  bool atRest() const;
   // True if every page of the last request lists is resident (or has failed for good, or has no room at the largest
   // detail bias), nothing is under way, and the detail bias does not change.
   bool settled() const;

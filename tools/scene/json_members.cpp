@@ -61,8 +61,8 @@ std::string expectedOf(const JsonMember& m, const Json& value) {
     case JsonMember::Kind::kObject:
       return value.is_object() ? "" : "an object";
     case JsonMember::Kind::kObjects:
-      if (value.is_array() && !value.empty() && value.size() <= m.items.size()) return "";
-      std::snprintf(text, sizeof text, "a list of 1 to %zu objects", m.items.size());
+      if (value.is_array() && value.size() >= m.least && value.size() <= m.most) return "";
+      std::snprintf(text, sizeof text, "a list of %zu to %zu objects", m.least, m.most);
       return text;
     case JsonMember::Kind::kChoice:
       break;
@@ -91,7 +91,7 @@ Result<void> readValue(const Json& value, const JsonMember& m, const std::string
   for (size_t i = 0; m.kind == JsonMember::Kind::kObjects && i < value.size(); ++i) {
     const std::string item = name + "[" + std::to_string(i) + "]";
     if (!value[i].is_object()) return origin.invalid("expected an object for '" + item + "'");
-    if (auto read = readMembers(value[i], m.items[i], item + ".", origin); !read) return read;
+    if (auto read = readMembers(value[i], m.item(i), item + ".", origin); !read) return read;
   }
   return {};
 }
@@ -170,9 +170,9 @@ Json schemaOfMember(const JsonMember& m) {
       return schemaOfObject(m.members, std::move(schema));
     case JsonMember::Kind::kObjects:
       schema.update(Json{{"type", "array"},
-                         {"items", schemaOfObject(m.items.front(), Json::object())},
-                         {"minItems", 1},
-                         {"maxItems", m.items.size()}});
+                         {"items", schemaOfObject(m.item(0), Json::object())},
+                         {"minItems", m.least},
+                         {"maxItems", m.most}});
       break;
   }
   return schema;
@@ -249,10 +249,12 @@ JsonMember objectMember(const char* name, const char* meaning, JsonMembers membe
   return m;
 }
 
-JsonMember objectsMember(const char* name, const char* meaning, std::vector<JsonMembers> items, size_t& count) {
+JsonMember objectsMember(const char* name, const char* meaning, size_t least, size_t most,
+                         std::function<void(size_t)> resize, std::function<JsonMembers(size_t)> item) {
   JsonMember m = member(name, meaning, JsonMember::Kind::kObjects);
-  m.items = std::move(items);
-  m.take = [&count](const Json& v) { count = v.size(); };
+  m.least = least, m.most = most;
+  m.take = [resize = std::move(resize)](const Json& v) { resize(v.size()); };
+  m.item = std::move(item);
   return m;
 }
 

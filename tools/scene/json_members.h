@@ -25,8 +25,10 @@ struct JsonMember {
   std::vector<std::string> choices;  // of kChoice
   std::vector<int> among;            // of kWhole: these alone, in place of low and high, if there are any
   std::vector<JsonMember> members;   // of kObject
-  // Of kObjects, a list of 1 to so many objects: the members of each. All have the same declaration.
-  std::vector<std::vector<JsonMember>> items;
+  // Of kObjects, a list of `least` to `most` objects: the members of the one with this index. All have the same
+  // declaration.
+  std::function<std::vector<JsonMember>(size_t index)> item;
+  size_t least = 1, most = 1;
   bool needed = false;
   std::string beside;  // the member that must be there where this one is; empty: none
   // Called with a value of that kind and range; not of an object, whose members are taken one by one. Of a list of
@@ -48,7 +50,9 @@ JsonMember tripleMember(const char* name, const char* meaning, double low, doubl
 JsonMember sizeMember(const char* name, const char* meaning, int most, std::optional<std::array<int, 2>>& to);
 JsonMember objectMember(const char* name, const char* meaning, JsonMembers members);
 // count: how many there are.
-JsonMember objectsMember(const char* name, const char* meaning, std::vector<JsonMembers> items, size_t& count);
+// `resize` is called with the number of objects before `item` is called with their indices.
+JsonMember objectsMember(const char* name, const char* meaning, size_t least, size_t most,
+                         std::function<void(size_t)> resize, std::function<JsonMembers(size_t)> item);
 
 // What the file of a format says of itself: "format" and "version", which must be there, and "about", any text.
 struct JsonFormat {

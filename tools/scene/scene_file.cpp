@@ -8,6 +8,7 @@
 
 #include "src/base/file.h"
 #include "src/engine/effects/soft_shadows.h"
+#include "tools/scene/animation_members.h"
 
 namespace relievo {
 namespace {
@@ -55,7 +56,8 @@ JsonMembers effectMembers(SceneFile& s, std::vector<std::optional<double>>& valu
 // A light as it is written.
 struct LightMembers {
   std::optional<std::array<double, 3>> towards, position_mm, color;
-  std::optional<double> size_deg, intensity, reference_mm;
+  std::optional<double> size_deg, size_mm, intensity, reference_mm;
+  std::vector<LightKeyMembers> keys;
 };
 // Lights while they are read.
 struct LightList {
@@ -64,8 +66,8 @@ struct LightList {
 };
 
 JsonMember lightsMember(LightList& to) {
-  std::vector<JsonMembers> items;
-  for (LightMembers& l : to.lights) {
+  const auto membersOfOne = [&to](size_t i) -> JsonMembers {
+    LightMembers& l = to.lights[i];
     JsonMember reference = numberMember("reference_mm",
                                         "Of a near light, the distance at which its intensity is as stated, mm; it "
                                         "falls off with the square of the distance [that of the artwork's middle]",
@@ -76,27 +78,39 @@ JsonMember lightsMember(LightList& to) {
                                    "soft these are [0: hard]",
                                    0, kMaxLightSizeDeg, l.size_deg);
     size.beside = "towards";
-    items.push_back({tripleMember("towards", "Towards a light that is far away: right, up, to the viewer [0, 0, 1]",
-                                  -1e9, 1e9, l.towards),
-                     std::move(size),
-                     tripleMember("position_mm", "In its place, where a near light is, mm from the artwork's origin",
-                                  -kFarthestMm, kFarthestMm, l.position_mm),
-                     std::move(reference),
-                     numberMember("intensity", "Times this, in linear light [1]", 0, kMaxLightIntensity, l.intensity),
-                     tripleMember("color", "Red, green, blue of its light, linear [1, 1, 1]", 0, 1, l.color)});
-  }
-  return objectsMember("lights", "In the place of light.towards: lights that add up in linear light", std::move(items),
-                       to.count);
+    JsonMember diameter =
+        numberMember("size_mm", "Of a near light, its diameter, mm: with light.shadows how soft these are [0: hard]", 0,
+                     kFarthestMm, l.size_mm);
+    diameter.beside = "position_mm";
+    return {tripleMember("towards", "Towards a light that is far away: right, up, to the viewer [0, 0, 1]", -1e9, 1e9,
+                         l.towards),
+            std::move(size),
+            tripleMember("position_mm", "In its place, where a near light is, mm from the artwork's origin",
+                         -kFarthestMm, kFarthestMm, l.position_mm),
+            std::move(diameter),
+            std::move(reference),
+            numberMember("intensity", "Times this, in linear light [1]", 0, kMaxLightIntensity, l.intensity),
+            tripleMember("color", "Red, green, blue of its light, linear [1, 1, 1]", 0, 1, l.color),
+            lightKeysMember(l.keys)};
+  };
+  return objectsMember(
+      "lights", "In the place of light.towards: lights that add up in linear light", 1, kMaxLights,
+      [&to](size_t count) { to.count = count; }, membersOfOne);
 }
 
 // What is wrong with them, beside what their declaration says.
-std::string problemOf(const LightList& list) {
+std::string problemOf(const LightList& list, std::optional<double> duration_s) {
   for (size_t i = 0; i < list.count; ++i) {
     const LightMembers& l = list.lights[i];
-    const std::string name = "'lights[" + std::to_string(i) + "]'";
+    const std::string plain = "lights[" + std::to_string(i) + "]", name = "'" + plain + "'";
     if (l.towards && l.position_mm)
       return name + " has both towards (far away) and position_mm (near): leave out one of them";
     if (l.towards && *l.towards == std::array<double, 3>{}) return "the light's direction is zero in " + name;
+    if (const auto problem = problemOf(l.keys, plain, l.position_mm.has_value(), duration_s); !problem.empty())
+      return problem;
+    const auto moves = [](const LightKeyMembers& key) { return key.position_mm.has_value(); };
+    if (!l.reference_mm && std::any_of(l.keys.begin(), l.keys.end(), moves))
+      return name + " moves and has no reference_mm, the distance at which its intensity is as stated";
   }
   return "";
 }
@@ -111,6 +125,7 @@ std::vector<SceneLight> lightsOf(const LightList& list) {
     light.intensity = l.intensity.value_or(light.intensity);
     light.color = l.color.value_or(light.color);
     light.size_deg = l.size_deg.value_or(light.size_deg);
+    light.size_mm = l.size_mm.value_or(light.size_mm);
     light.reference_mm = l.reference_mm.value_or(light.reference_mm);
     lights.push_back(light);
   }
@@ -120,6 +135,7 @@ std::vector<SceneLight> lightsOf(const LightList& list) {
 Json jsonOf(const SceneLight& light) {
   Json json = {{light.near ? "position_mm" : "towards", light.place}};
   if (!light.near && light.size_deg != 0) json["size_deg"] = light.size_deg;
+  if (light.near && light.size_mm != 0) json["size_mm"] = light.size_mm;
   if (light.near && light.reference_mm != 0) json["reference_mm"] = light.reference_mm;
   if (light.intensity != 1) json["intensity"] = light.intensity;
   if (light.color != SceneLight{}.color) json["color"] = light.color;
@@ -221,6 +237,8 @@ struct SceneParts {
   LightList lights;
   GlossMembers gloss;
   ShadingMembers shading;
+  std::vector<CameraKeyMembers> path;
+  std::optional<double> duration_s;
 };
 
 // parts outlive the members.
@@ -230,12 +248,15 @@ JsonMembers sceneMembers(SceneFile& s, SceneParts& parts) {
   return {textMember("about", "Any text", parts.about),
           std::move(artwork),
           objectMember("camera", "Where it is seen from", cameraMembers(s.camera)),
+          cameraPathMember(parts.path),
+          numberMember("duration_s", "How long camera_path and lights with keys take, seconds [to the last key]", 1e-3,
+                       kMaxSceneSeconds, parts.duration_s),
           objectMember(
               "light", "A light that is far away",
               {tripleMember("towards", "Towards the light: right, up, to the viewer", -1e9, 1e9, s.light),
                boolMember("fixed", "It stays: coefficients are resolved once a page; of lights the directions stay",
                           s.light_fixed),
-               boolMember("shadows", "The relief casts shadows on itself, in each light that is far away", s.shadows),
+               boolMember("shadows", "The relief casts shadows on itself, in each light", s.shadows),
                numberMember("size_deg",
                             "The light's angular diameter, degrees: how soft its shadows are; 0: hard. Of lights each "
                             "has its own",
@@ -254,6 +275,23 @@ JsonMembers sceneMembers(SceneFile& s, SceneParts& parts) {
                         wholeMember("samples", "Samples a pixel of a still picture", {1, 4, 8}, s.samples),
                         tripleMember("background", "Red, green, blue where the artwork is not", 0, 255, s.background)}),
           objectMember("settings", "What stands between accuracy and time", settingsMembers(s.settings))};
+}
+
+// What moves, and what is wrong with it beside the rest of the scene.
+std::string takeAnimation(const SceneParts& parts, SceneFile& scene) {
+  std::vector<std::vector<LightKeyMembers>> lights;
+  for (size_t i = 0; i < parts.lights.count; ++i) lights.push_back(parts.lights.lights[i].keys);
+  scene.animation = animationOf(parts.path, lights, parts.duration_s);
+  const SceneCamera& c = scene.camera;
+  const bool parallel = c.orthographic.value_or(c.mm_per_px.has_value());
+  for (const CameraKey& key : scene.animation.camera) {
+    if (key.fov_deg && parallel) return "'camera_path' has fov_deg, and the camera is orthographic";
+    if (key.mm_per_px && (c.distance_mm || c.fov_deg || (c.orthographic && !*c.orthographic)))
+      return "'camera_path' has mm_per_px, an orthographic picture's scale: leave out distance_mm, fov_deg and "
+             "orthographic of 'camera'";
+    if (key.distance_mm && c.mm_per_px) return "'camera_path' has distance_mm, and 'camera' has mm_per_px in its place";
+  }
+  return "";
 }
 
 }  // namespace
@@ -276,7 +314,9 @@ Result<SceneFile> parseScene(const std::string& text, const std::string& name) {
   if (scene.artwork.empty()) return invalid("expected a file's name for 'artwork'", "");
   if (scene.light && *scene.light == std::array<double, 3>{})
     return invalid("the light's direction is zero", "for example [-0.7, 0.4, 0.6]");
-  if (const std::string problem = problemOf(parts.lights); !problem.empty()) return invalid(problem, kSceneFormat.hint);
+  for (const std::string& problem :
+       {problemOf(parts.lights, parts.duration_s), problemOf(parts.path, parts.duration_s)})
+    if (!problem.empty()) return invalid(problem, kSceneFormat.hint);
   scene.lights = lightsOf(parts.lights);
   if (const std::string problem = problemOf(parts.shading); !problem.empty())
     return invalid(problem, kSceneFormat.hint);
@@ -288,6 +328,8 @@ Result<SceneFile> parseScene(const std::string& text, const std::string& name) {
   if (scene.light_size_deg && !scene.lights.empty())
     return invalid("'light.size_deg' is the size of one light and 'lights' are others", "give each of them a size_deg");
   const SceneCamera& c = scene.camera;
+  if (const std::string problem = takeAnimation(parts, scene); !problem.empty())
+    return invalid(problem, kSceneFormat.hint);
   if (c.mm_per_px && (c.distance_mm || c.fov_deg || (c.orthographic && !*c.orthographic)))
     return invalid("'camera.mm_per_px' is an orthographic picture's scale",
                    "leave out distance_mm, fov_deg and orthographic beside it");
@@ -354,7 +396,14 @@ std::string sceneText(const SceneFile& s) {
                                {"effects", effects},
                                {"picture", picture}})
     if (!object.empty()) json[name] = object;
-  for (const SceneLight& one : s.lights) json["lights"].push_back(jsonOf(one));
+  for (size_t i = 0; i < s.lights.size(); ++i) {
+    Json one = jsonOf(s.lights[i]);
+    if (i < s.animation.lights.size())
+      for (const LightKey& key : s.animation.lights[i]) one["keys"].push_back(jsonOf(key, s.lights[i].near));
+    json["lights"].push_back(std::move(one));
+  }
+  for (const CameraKey& key : s.animation.camera) json["camera_path"].push_back(jsonOf(key));
+  if (s.animation.isOn()) json["duration_s"] = s.animation.duration_s;
   if (s.gloss.isOn()) json["gloss"] = {{"reflectance", s.gloss.reflectance}, {"roughness", s.gloss.roughness}};
   if (s.shading.isOn()) json["shading"] = jsonOf(s.shading);
   if (!(s.settings == DrawSettings{})) {
@@ -375,8 +424,10 @@ std::string sceneSchema() {
 Result<std::vector<SceneLight>> parseLights(const std::string& text) {
   LightList list;
   if (auto read = readJsonValue(text, lightsMember(list), kSceneFormat.hint); !read) return read.error();
-  if (const std::string problem = problemOf(list); !problem.empty())
-    return Error{ErrorKind::kInvalidData, "", problem, kSceneFormat.hint, {}};
+  std::string problem = problemOf(list, {});
+  for (const LightMembers& light : list.lights)
+    if (!light.keys.empty()) problem = "lights with keys are those of a scene, which has a time";
+  if (!problem.empty()) return Error{ErrorKind::kInvalidData, "", problem, kSceneFormat.hint, {}};
   return lightsOf(list);
 }
 
@@ -403,8 +454,9 @@ std::string lightText(const SceneLight& light, const glm::dvec3& middle_mm) {
     std::snprintf(text, sizeof text, "far away, towards %g %g %g, intensity %g, color %g %g %g", p[0], p[1], p[2],
                   light.intensity, light.color[0], light.color[1], light.color[2]);
   std::string all = text;
-  if (!light.near && light.size_deg > 0) {
-    std::snprintf(text, sizeof text, ", %g degrees wide", light.size_deg);
+  if (light.isSoft()) {
+    std::snprintf(text, sizeof text, light.near ? ", %g mm wide" : ", %g degrees wide",
+                  light.near ? light.size_mm : light.size_deg);
     all += text;
   }
   return all;

@@ -13,6 +13,10 @@
 //
 //    "shading": {"kind": "curvature", "radius_mm": 0.4}
 //
+// "camera_path" and "keys" of lights say how camera and lights move (src/engine/scene_animation.h):
+//
+//    "camera_path": [{"time_s": 0, "azimuth_deg": -30}, {"time_s": 4, "azimuth_deg": 30}]
+//
 // `relievo plan --schema` prints its JSON Schema, which says what every member means. What a scene leaves out is as
 // without the option of that name; units are those of the options (relievo render --help). Unknown members, other types
 // and values out of range are refused. Safe for untrusted text.
@@ -25,6 +29,7 @@
 
 #include "src/base/result.h"
 #include "src/engine/effect_plan.h"
+#include "src/engine/scene_animation.h"
 #include "src/render/camera.h"
 #include "tools/scene/settings_file.h"
 
@@ -43,6 +48,7 @@ struct SceneCamera {
 struct SceneFile {
   std::string artwork;  // as it is written: from the scene file's folder on, where it is no absolute path
   SceneCamera camera;
+  SceneAnimation animation;                    // camera and lights that move; usually none
   std::optional<std::array<double, 3>> light;  // towards it; of any length above 0
   std::optional<double> light_size_deg;        // its angular diameter, for shadows
   std::vector<SceneLight> lights;              // in its place; empty: there are none

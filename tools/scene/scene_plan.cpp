@@ -42,7 +42,7 @@ std::vector<Candidate> candidates() {
       {"soft shadows", "lights with a size, against shadows with hard edges",
        [](Scene& s) {
          s.light_size_deg = 0;
-         for (SceneLight& light : s.lights) light.size_deg = 0;
+         for (SceneLight& light : s.lights) light.size_deg = light.size_mm = 0;
        }},
       {"gloss", "highlights under the lights", [](Scene& s) { s.gloss = {}; }},
       {"ambient occlusion", "places that see little of the sky are darker", [](Scene& s) { s.ambient_occlusion = {}; }},

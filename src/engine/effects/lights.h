@@ -34,7 +34,9 @@ struct SceneLight {
   double intensity = 1;
   std::array<double, 3> color{1, 1, 1};  // linear, 0..1
   double size_deg = 0;      // of one far away: its angular diameter (soft_shadows.h); 0: its shadows are hard
+  double size_mm = 0;       // of a near one: its diameter; 0: its shadows are hard
   double reference_mm = 0;  // of a near one; 0: its distance from the middle of the artwork (artworkMiddle())
+  bool isSoft() const { return near ? size_mm > 0 : size_deg > 0; }
   bool isOff() const { return intensity == 0 || color == std::array<double, 3>{}; }
   friend bool operator==(const SceneLight&, const SceneLight&) = default;
 };

@@ -27,4 +27,16 @@ std::vector<glm::dvec3> discDirections(const glm::dvec3& light, double size_deg,
   return directions;
 }
 
+std::vector<glm::dvec3> discPlaces(const glm::dvec3& place_mm, const glm::dvec3& towards, double size_mm, int count) {
+  const glm::dvec3 aside = std::abs(towards.y) < 0.9 ? glm::dvec3(0, 1, 0) : glm::dvec3(1, 0, 0);
+  const glm::dvec3 right = glm::normalize(glm::cross(aside, towards)), up = glm::cross(towards, right);
+  std::vector<glm::dvec3> places;
+  for (int k = 0; k < count; ++k) {
+    const glm::dvec2 at = latticePoint(k, count);
+    const double radius = size_mm / 2 * std::sqrt(at.x), turn = 2 * std::numbers::pi * at.y;
+    places.push_back(place_mm + radius * (std::cos(turn) * right + std::sin(turn) * up));
+  }
+  return places;
+}
+
 }  // namespace relievo

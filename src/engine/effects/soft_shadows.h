@@ -1,4 +1,4 @@
-// soft_shadows.h - the size of a light that is far away, and with it the penumbra of the shadows that it casts.
+// soft_shadows.h - the size of a light, and with it the penumbra of the shadows that it casts.
 //
 // A light of size_deg is a disc of directions, evenly bright, of that angular diameter (the sun: 0.53 degrees). What
 // reaches a place is the share of the disc that the surface does not hide, in the place of the 0 or 1 of a light that
@@ -10,6 +10,9 @@
 // equal solid angles: Vogel 1979 (A Better Way to Construct the Sunflower Head), whose share of any half of the disc is
 // within 0.045 of the area's for 64 points. They are taken in the order of the index's bits reversed, so that the first
 // of them are spread over the disc, too. The same directions in every run.
+//
+// A near light of size_mm is a disc that faces the artwork's middle, or a ball of that diameter seen from there: as
+// many places on it have a map each, or some (nearShadowViews()).
 //
 // Pure; double precision.
 #pragma once
@@ -28,5 +31,8 @@ glm::dvec2 latticePoint(int k, int n);
 
 // Towards the disc: unit vectors. light: towards its middle, of length 1.
 std::vector<glm::dvec3> discDirections(const glm::dvec3& light, double size_deg, int count = kLightDirections);
+// Places on the disc around `place_mm` whose axis is `towards`, of length 1.
+std::vector<glm::dvec3> discPlaces(const glm::dvec3& place_mm, const glm::dvec3& towards, double size_mm,
+                                   int count = kLightDirections);
 
 }  // namespace relievo
