@@ -18,6 +18,8 @@
 namespace relievo {
 namespace {
 
+constexpr double kMostCacheMib = 1024;  // that nobody asked for
+
 constexpr uint64_t kMaxStateBytes = 1 << 20;
 constexpr std::array kStateKeys{"azimuth_deg",  "elevation_deg", "distance_mm", "fov_deg",
                                 "orthographic", "target_mm",     "light"};
@@ -245,8 +247,10 @@ void SceneOptions::addEffects(CLI::App& c) {
 
 void SceneOptions::addStorage(CLI::App& c) {
   c.option_defaults()->group("Storage");
-  c.add_option("--cache-mib", cache_mib,
-               "Page cache for all planes together, and the tails of a scan of many patches, MiB")
+  c.add_option(
+       "--cache-mib", cache_mib,
+       "Page cache for all planes together, and the tails of a scan of many patches, MiB; unless it is given, an "
+       "artwork that needs more gets that and 64 MiB, up to 1024")
       ->check(CLI::Range(0.1, 65536.0))
       ->capture_default_str();
   c.add_option("--upload", upload,
@@ -567,7 +571,9 @@ Result<std::pair<int, int>> SceneOptions::sizeAtScale(const Extent& extent, cons
 
 EngineOptions SceneOptions::engineOptions() const {
   EngineOptions o;
+  const bool chosen = given("--cache-mib") || cache_mib != o.cache_mib;  // or by a scene or settings
   o.cache_mib = cache_mib;
+  if (!chosen) o.most_cache_mib = kMostCacheMib;
   o.workers = workers;
   o.feedback_scale = feedback_scale;
   o.feedback_interval = feedback_interval;

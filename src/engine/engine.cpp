@@ -4,6 +4,7 @@
 #include <cassert>
 #include <chrono>
 #include <cmath>
+#include <cstdio>
 #include <optional>
 #include <thread>
 #include <utility>
@@ -129,7 +130,7 @@ struct Engine::Impl {
             .shadow_adds = plan.soft_near,
             .faults = faults};
   }
-  Result<void> fitsCache() const;
+  Result<void> fitCache();
   Result<void> linkPrograms() {
     surface_drawn = {};
     shading->forget(plan);
@@ -548,7 +549,7 @@ Engine::~Engine() = default;
 
 // Roots of every plane (or tails), and a little room to look at anything beside them; also when one light is fixed
 // later, and without --shading, when there are other planes, too.
-Result<void> Engine::Impl::fitsCache() const {
+Result<void> Engine::Impl::fitCache() {
   const Manifest& manifest = artwork.manifest;
   EffectPlan fixed = plan;
   if (!fixed.resolve && fixed.lit()) {
@@ -561,11 +562,21 @@ Result<void> Engine::Impl::fitsCache() const {
   unshaded.shading = {};
   const uint64_t least = std::max(
       {planes->leastBytes(plan), planes->leastBytes(fixed), planes->leastBytes(planEffects(unshaded, manifest))});
+  const double least_mib = std::floor(static_cast<double>(least) / (1024 * 1024)) + 1;
   if (options.cache_mib * 1024 * 1024 >= static_cast<double>(least)) return {};
+  char text[120];
+  if (least_mib + kSpareCacheMib <= options.most_cache_mib) {
+    options.cache_mib = least_mib + kSpareCacheMib;
+    std::snprintf(text, sizeof text, "the page cache takes %.0f MiB, as this artwork needs %.0f", options.cache_mib,
+                  least_mib);
+    notices.emplace_back(text);
+    return {};
+  }
+  std::snprintf(text, sizeof text, "the page cache of %g MiB is too small for this artwork", options.cache_mib);
   return Error{ErrorKind::kUsage,
                "",
-               "the page cache of " + std::to_string(options.cache_mib) + " MiB is too small for this artwork",
-               "give it at least " + std::to_string(least / (1024 * 1024) + 1) + " MiB (--cache-mib)",
+               text,
+               "give it at least " + std::to_string(std::lround(least_mib)) + " MiB (--cache-mib)",
                {}};
 }
 
@@ -592,7 +603,7 @@ Result<std::unique_ptr<Engine>> Engine::create(Artwork artwork, const Scene& sce
       impl->planes.emplace(impl->artwork, impl->options, impl->stats.tail_bytes, std::move(*upload));
   if (const std::string why = planes.whyNotBlocks(impl->plan); options.upload == Upload::kBlocks && !why.empty())
     impl->notices.push_back("texture pages are uploaded as rgba8, not as blocks: " + why);
-  if (auto fits = impl->fitsCache(); !fits) return fits.error();
+  if (auto fits = impl->fitCache(); !fits) return fits.error();
   if (with_tails) {
     if (const uint64_t most = TailTextures::maxPatches(manifest.texture.planes());
         manifest.domain.patchCount() > most) {

@@ -31,9 +31,13 @@
 namespace relievo {
 
 inline constexpr int kMaxFeedbackInterval = 16;
+inline constexpr double kSpareCacheMib = 64;
 
 struct EngineOptions {
   double cache_mib = 256;  // all planes together, and the patches' tails
+  // An artwork that needs more than cache_mib, as those of many patches do, gets what it needs and kSpareCacheMib, up
+  // to so many; at most cache_mib: none does.
+  double most_cache_mib = 0;
   // Artworks over a base mesh of more patches than this pin no page: the patches' tails take the place of their root
   // pages (texturing/package/patch_tails.h). So do those with patches that have no root page.
   uint32_t most_pinned_patches = 64;

@@ -500,6 +500,28 @@ uint64_t uploadsOf(const StreamerStats& s) {
   return sum;
 }
 
+// Nobody chose the cache's size: it becomes what the artwork needs and some more, which is said, but never more than
+// may be taken.
+TEST_F(EngineFaults, ACacheThatIsTooSmallGrows) {
+  EngineOptions options;
+  options.cache_mib = 0.5;
+  const Artwork artwork = artworkFromPackage(package_);
+  options.most_cache_mib = kSpareCacheMib + 0.5;
+  auto refused = Engine::create(artwork, {}, options);
+  ASSERT_FALSE(refused.ok());
+  EXPECT_NE(refused.error().text().find("of 0.5 MiB is too small"), std::string::npos) << refused.error().text();
+  options.most_cache_mib = 1024;
+  auto engine = Engine::create(artwork, {}, options);
+  ASSERT_TRUE(engine.ok()) << engine.error().text();
+  const auto notices = (*engine)->takeNotices();
+  ASSERT_EQ(notices.size(), 1u);
+  EXPECT_NE(notices[0].find("the page cache takes"), std::string::npos) << notices[0];
+  EXPECT_GT((*engine)->stats().cache_bytes, uint64_t{40} << 20);
+  EXPECT_LT((*engine)->stats().cache_bytes, uint64_t{80} << 20);
+  options.cache_mib = 64;
+  EXPECT_TRUE((*Engine::create(artwork, {}, options))->takeNotices().empty()) << "the control: it is large enough";
+}
+
 TEST_F(EngineFaults, TheSmallestLegalCacheDraws) {
   EngineOptions options;
   const FlatDomain d = package_->manifest().domain.flat();
