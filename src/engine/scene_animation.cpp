@@ -7,6 +7,8 @@
 
 #include <glm/glm.hpp>
 
+#include "src/base/monotone_cubic.h"
+
 namespace relievo {
 namespace {
 
@@ -14,12 +16,6 @@ struct Knot {
   double time_s, value;
 };
 
-// The slope at an inner knot; h: widths, d: slopes of the straight lines before and after it.
-double innerSlope(double h0, double h1, double d0, double d1) {
-  if (d0 * d1 <= 0) return 0;  // a peak, or level on one side
-  const double w0 = 2 * h1 + h0, w1 = h1 + 2 * h0;
-  return (w0 + w1) / (w0 / d0 + w1 / d1);
-}
 // At an end, from the parabola through three knots, kept monotone.
 double endSlope(double h0, double h1, double d0, double d1) {
   const double slope = ((2 * h0 + h1) * d0 - h0 * d1) / (h0 + h1);
@@ -41,12 +37,10 @@ double monotoneAt(std::span<const Knot> knots, double time_s) {
     if (last == 1) return line(0);
     if (k == 0) return endSlope(width(0), width(1), line(0), line(1));
     if (k == last) return endSlope(width(last - 1), width(last - 2), line(last - 1), line(last - 2));
-    return innerSlope(width(k - 1), width(k), line(k - 1), line(k));
+    return monotoneSlope(line(k - 1), line(k), width(k - 1), width(k));
   };
-  const double h = width(i), t = (time_s - knots[i].time_s) / h, u = 1 - t;
   const double a = knots[i].value, b = knots[i + 1].value;
-  const double value =
-      a * u * u * (1 + 2 * t) + b * t * t * (1 + 2 * u) + h * t * u * (slope(i) * u - slope(i + 1) * t);
+  const double value = cubicBetween(a, b, slope(i), slope(i + 1), width(i), (time_s - knots[i].time_s) / width(i));
   return std::clamp(value, std::min(a, b), std::max(a, b));  // but for rounding it is
 }
 

@@ -2,10 +2,9 @@
 //
 // A key states some values at a time; a value that it leaves out passes through it, and one that no key states stays as
 // the scene has it. At a key's time its values are exact, before the first and after the last they stay. Between keys
-// - numbers follow monotone cubics (Fritsch, Carlson 1980, Monotone Piecewise Cubic Interpolation; slopes of Fritsch,
-//   Butland 1984): their speed is continuous, and they never leave the range of the two keys beside them, so that what
-//   is valid at the keys is valid between them. Between two keys alone they are straight lines. Distance and scale do
-//   so by their logarithm, so that a zoom appears even.
+// - numbers follow monotone cubics (src/base/monotone_cubic.h): their speed is continuous, and they never leave the
+//   range of the two keys beside them, so that what is valid at the keys is valid between them. Between two keys alone
+//   they are straight lines. Distance and scale do so by their logarithm, so that a zoom appears even.
 // - directions of lights follow the sphere: cubic Bezier curves by spherical interpolation (Shoemake 1985, Animating
 //   Rotation with Quaternion Curves), whose speed is continuous, too; two keys alone are a great circle at one speed.
 // - from one key to the next the azimuth goes the shorter way around where it changes by more than 180 degrees and less

@@ -5,6 +5,8 @@
 #include <cmath>
 #include <numbers>
 
+#include "src/base/monotone_cubic.h"
+
 namespace relievo {
 namespace {
 
@@ -22,13 +24,6 @@ OrbitCamera cameraOf(const Values& v) {
   c.fov_deg = v[3];
   c.target_mm = {v[4], v[5], v[6]};
   return c;
-}
-
-// Of the curve at a key between two secants that span the times before_s and after_s.
-double slopeAt(double before, double after, double before_s, double after_s) {
-  if (before * after <= 0) return 0;
-  double w1 = 2 * after_s + before_s, w2 = after_s + 2 * before_s;
-  return (w1 + w2) / (w1 / before + w2 / after);
 }
 
 // Builds a path leg by leg; each leg starts where the last one ended.
@@ -101,7 +96,7 @@ OrbitCamera cameraAt(const Flight& flight, double time_s) {
   };
   // At rest at both ends of the path.
   auto slope = [&](size_t k, int v) {
-    return k == 0 || k + 1 == keys.size() ? 0 : slopeAt(secant(k - 1, v), secant(k, v), span(k - 1), span(k));
+    return k == 0 || k + 1 == keys.size() ? 0 : monotoneSlope(secant(k - 1, v), secant(k, v), span(k - 1), span(k));
   };
   double h = span(i), t = (time_s - keys[i].time_s) / h;
   Values a = valuesOf(keys[i].camera), b = valuesOf(keys[i + 1].camera), at{};
@@ -110,9 +105,7 @@ OrbitCamera cameraAt(const Flight& flight, double time_s) {
       at[v] = a[v];
       continue;
     }
-    double u = 1 - t;
-    at[v] = a[v] * (u * u * (1 + 2 * t)) + b[v] * (t * t * (3 - 2 * t)) +
-            h * (slope(i, v) * (t * u * u) - slope(i + 1, v) * (t * t * u));
+    at[v] = cubicBetween(a[v], b[v], slope(i, v), slope(i + 1, v), h, t);
   }
   OrbitCamera camera = cameraOf(at);
   camera.orthographic = keys[i].camera.orthographic;
