@@ -20,6 +20,7 @@
 #include "src/engine/resident_planes.h"
 #include "src/engine/scene_lights.h"
 #include "src/engine/shading_programs.h"
+#include "src/engine/standstill.h"
 #include "src/engine/surface_shading.h"
 #include "src/engine/texture_demand.h"
 #include "src/gl/program.h"
@@ -30,16 +31,11 @@
 #include "src/render/picture_target.h"
 #include "src/render/sample_stack.h"
 #include "src/render/surface_target.h"
-#include "texturing/stream/recent_use.h"
 
 namespace relievo {
 namespace {
 
 constexpr int kCornersUnit = 6;  // and two more: texture units of the base mesh
-// Steps of settle() that change nothing while no page is under way. After so many, more than a page that nobody asks
-// for any more keeps its place, the detail bias follows the lists of relief alone; after as many as it then takes to
-// evaluate those several times over, nothing will change any more.
-constexpr int kStarvedSteps = 2 * kSparedFrames, kStuckSteps = 64;
 
 double steadySeconds() {
   return std::chrono::duration<double>(std::chrono::steady_clock::now().time_since_epoch()).count();
@@ -92,13 +88,7 @@ struct Engine::Impl {
   bool fades_over = false;     // while settle() draws
   bool settling = false;       // within settle(): nothing is known of the views before
   bool all_pages_come = true;  // none that the settled list wants has failed
-  // Of settle(): what its last steps led to, and how many in a row led to the same while no page was under way.
-  struct Standstill {
-    std::array<uint64_t, 6> seen{};
-    double bias = -1;
-    int steps = 0;
-    bool starved = false;  // relief finds no place, for as long as no list is final
-  } standstill;
+  Standstill standstill;       // of settle()
   EngineStats stats;
 
   const PatchDomain& domain() const { return artwork.manifest.domain; }
@@ -400,7 +390,7 @@ struct Engine::Impl {
     // The streamer knows its own part of the bias only. Where relief finds no place, no feedback follows that would
     // tell of a bias: its own lists do.
     const double texture_bias = demand->bias() - scene.detail_bias;
-    const bool starved = settling && standstill.starved && streamer().atRest();
+    const bool starved = settling && standstill.starved() && streamer().atRest();
     streamer().setRequestBias(
         demand->usesGeometry() ? std::nullopt : std::optional<double>(starved ? lod_bias : texture_bias),
         seen != streamed_view);
@@ -503,20 +493,9 @@ struct Engine::Impl {
     return true;
   }
 
-  // After each step of settle().
-  void noteStandstill(bool final_list) {
-    const StreamerStats& s = streamer().stats();
-    const std::array<uint64_t, 6> now{
-        streamer().reliefGeneration(), list->number(), list->reliefRequests().size(), s.resident, s.ready, s.deferred};
-    const bool same = now == standstill.seen && streamer().detailBias() == standstill.bias && streamer().atRest();
-    const int steps = same ? standstill.steps + 1 : 0;
-    standstill = {now, streamer().detailBias(), steps, !final_list && (standstill.starved || steps > kStarvedSteps)};
-  }
-  bool stuck() const { return standstill.steps >= kStuckSteps; }
-
   bool settleGeometry() {
     const bool final_list = stepGeometry();
-    noteStandstill(final_list);
+    standstill.note(streamer(), *list, final_list);
     return final_list;
   }
   // One step of streaming and LOD without a picture; true when the list is final: all its relief is there, and was when
@@ -723,7 +702,7 @@ Result<void> Engine::settle(double timeout_s, bool refined) {
   e.standstill = {};
   double start = steadySeconds();
   auto interrupted = [&] { return e.options.interrupted && e.options.interrupted->load(); };
-  auto timedOut = [&] { return steadySeconds() - start > timeout_s || interrupted() || e.stuck(); };
+  auto timedOut = [&] { return steadySeconds() - start > timeout_s || interrupted() || e.standstill.stuck(); };
   auto pause = [] { std::this_thread::sleep_for(std::chrono::microseconds(100)); };
   while (e.pending_scene && !timedOut()) {
     if (auto switched = e.switchPlanes(); !switched) return switched;
@@ -758,7 +737,7 @@ Result<void> Engine::settle(double timeout_s, bool refined) {
   if (interrupted()) return Error{ErrorKind::kInterrupted, "", "interrupted", "", {}};
   if (!done) {
     const StreamerStats& s = e.streamer().stats();
-    const bool stuck = e.stuck();
+    const bool stuck = e.standstill.stuck();
     return Error{
         ErrorKind::kRuntime,
         "",
