@@ -178,6 +178,25 @@ TEST(SceneAnimation, LightsGoAlongTheSphere) {
   }());
 }
 
+// A way and the same way back, at uneven times: the tangent at a key regards both of its neighbours alike.
+TEST(SceneAnimation, LightsComeTheWayThatTheyWent) {
+  const std::array<double, 3> places[] = {{1, 0, 0.2}, {0.3, 0.9, 0.4}, {-0.5, 0.2, 1}, {-1, -0.4, 0.1}};
+  const double times[] = {0, 1, 4, 4.5};
+  SceneAnimation there{.duration_s = 4.5, .camera = {}, .lights = {{}, {}}}, back = there;
+  for (size_t k = 0; k < 4; ++k) {
+    there.lights[1].push_back({times[k], places[k], {}, {}});
+    back.lights[1].push_back({4.5 - times[3 - k], places[3 - k], {}, {}});
+  }
+  const Scene scene = lit(false);
+  double asked = 0;
+  for (double t = 0.05; t < 4.5; t += 0.1) {
+    const auto &a = sceneAt(there, scene, t).lights[1].place, b = sceneAt(back, scene, 4.5 - t).lights[1].place;
+    EXPECT_LT(std::hypot(a[0] - b[0], a[1] - b[1], a[2] - b[2]), 1e-9) << t;
+    asked = std::max(asked, std::hypot(a[0] - places[0][0], a[1] - places[0][1], a[2] - places[0][2]));
+  }
+  EXPECT_GT(asked, 1) << "the control: it moves";
+}
+
 TEST(SceneAnimation, NearLightsMoveAndAllChangeTheirColour) {
   const Scene scene = lit(true);
   const SceneAnimation a{
