@@ -190,7 +190,8 @@ TEST(SceneAnimation, LightsComeTheWayThatTheyWent) {
   const Scene scene = lit(false);
   double asked = 0;
   for (double t = 0.05; t < 4.5; t += 0.1) {
-    const auto &a = sceneAt(there, scene, t).lights[1].place, b = sceneAt(back, scene, 4.5 - t).lights[1].place;
+    const std::array<double, 3> a = sceneAt(there, scene, t).lights[1].place,
+                                b = sceneAt(back, scene, 4.5 - t).lights[1].place;
     EXPECT_LT(std::hypot(a[0] - b[0], a[1] - b[1], a[2] - b[2]), 1e-9) << t;
     asked = std::max(asked, std::hypot(a[0] - places[0][0], a[1] - places[0][1], a[2] - places[0][2]));
   }
