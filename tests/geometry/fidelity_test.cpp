@@ -204,7 +204,7 @@ TEST(FarOff, IsToldAsFarOffAsItIs) {
   auto bake = MeshBake::create(scan, {}, *base, options);
   ASSERT_TRUE(bake.ok());
   const double diagonal = diagonalOf(scan);
-  const FidelityScan measured_scan(scan, 0);
+  const FidelityScan measured_scan(scan, 0, 10'000);
   auto coarse = measureFidelity(measured_scan, **bake, FidelityTarget::of(diagonal)),
        fine = measureFidelity(measured_scan, **bake, FidelityTarget::within(0.05 * diagonal));
   ASSERT_TRUE(coarse.ok() && fine.ok());
