@@ -19,6 +19,7 @@
 #include <utility>
 
 #include "geometry/bake/fidelity.h"
+#include "geometry/bake/first_base.h"
 #include "geometry/bake/line_rasteriser.h"
 #include "geometry/bake/mesh_bake.h"
 #include "geometry/bake/mesh_distance.h"
@@ -374,9 +375,8 @@ class MeshBuild {
   Result<void> makeBase();
   // Bakes, measures, and makes patches smaller where the scan is missed, until the target is kept or more hardly help.
   Result<void> bakeUntilKept();
-  // A base whose topology alone takes far more patches than there may be has large patches where the shape needs small
-  // ones: another kind of base takes its place, if there is any.
-  Result<void> replaceFirstBase();
+  // Another kind of base takes the place of a first one that is hopeless (first_base.h), if there is any.
+  Result<void> replaceHopelessBase();
   // The next bake's base; false: there is none of this kind.
   Result<bool> use(BaseKind kind, Result<BaseMesh> base);
   Result<bool> useFaces(uint32_t max_patches);
@@ -401,8 +401,6 @@ class MeshBuild {
   // hierarchies of rays hold while they are made, and the allocator after they are gone.
   uint64_t memoryLeft(uint64_t least) const;
 
-  // More patches take ever more: three pages and some 4 to 20 KiB each, and as many root pages that stay resident.
-  static constexpr uint32_t kMostPatches = 4096, kMostFaces = 65'536;
   static constexpr int kRounds = 5, kInVain = 2;  // of one kind of base
 
   MeshBuildArguments a_;
@@ -558,7 +556,7 @@ Result<void> MeshBuild::bakeUntilKept() {
   constexpr double kEnough = 0.9;  // of the target: another choice of samples finds a little more or less
   std::unique_ptr<MeshBake> best;
   BaseMesh best_base;
-  if (auto done = replaceFirstBase(); !done) return done;
+  if (auto done = replaceHopelessBase(); !done) return done;
   BaseKind best_kind = base_kind_;
   for (;;) {
     if (auto done = bake(); !done) return done;
@@ -615,11 +613,10 @@ Result<bool> MeshBuild::useSimplified(std::span<const RefineRequest> requests) {
              stages_.run("base", [&] { return domain_->simplifiedFaces(requests, kMostPatches); }));
 }
 
-Result<void> MeshBuild::replaceFirstBase() {
-  if (a_.patches > 0 || base_.patches.size() <= 2 * size_t{kMostPatches}) return {};
-  Result<bool> replaced = useFaces(kMostPatches);
-  if (replaced && !*replaced) replaced = useSimplified({});
-  if (replaced && !*replaced) replaced = useFaces(kMostFaces);
+Result<void> MeshBuild::replaceHopelessBase() {
+  if (a_.patches > 0 || !isHopeless(base_.patches.size())) return {};
+  const Result<bool> replaced =
+      replaceFirstBase([&](uint32_t max_patches) { return useFaces(max_patches); }, [&] { return useSimplified({}); });
   return replaced ? Result<void>() : replaced.error();
 }
 

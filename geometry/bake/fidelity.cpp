@@ -17,6 +17,9 @@ namespace {
 // The drawn surface is measured on grids within this distance of the finest, in diagonals. It is an upper bound: they
 // lie much closer.
 constexpr double kGridTolerance = 4e-5;
+// Of a bake that is far off, grids within this share of how far its probes are say the same: fine grids of what spikes
+// at every sample take hundreds of MiB. What they find stands where it is more than so many times the target.
+constexpr double kShareFarOff = 0.01, kFarOff = 32;
 constexpr uint64_t kMaxVertices = 40'000;
 
 struct Samples {
@@ -154,8 +157,10 @@ FidelityScan::FidelityScan(const TriMesh& mesh, int workers, uint64_t samples, s
     positions_.push_back(glm::dvec3(mesh.positions_mm[v]));
 }
 
-Result<Fidelity> measureFidelity(const FidelityScan& scan, const MeshBake& baked, const FidelityTarget& target,
-                                 const FidelityOptions& options) {
+namespace {
+
+Result<Fidelity> measureOnGrids(double grid_tolerance_mm, const FidelityScan& scan, const MeshBake& baked,
+                                const FidelityTarget& target, const FidelityOptions& options) {
   auto stopped = [&] { return options.interrupted && options.interrupted->load(std::memory_order_relaxed); };
   const Error interrupted{ErrorKind::kInterrupted, "", "interrupted", ""};
   constexpr float kFar = std::numeric_limits<float>::infinity();
@@ -163,7 +168,7 @@ Result<Fidelity> measureFidelity(const FidelityScan& scan, const MeshBake& baked
   // From the scan's coordinates to the base's.
   const glm::dvec3 shift = scan.mesh().origin_mm - baked.base().origin_mm;
   Samples scan_samples{scan.positions(), std::vector<float>(scan.positions().size(), kFar), scan.areaSamples()};
-  const MeasuredSurface surface(baked, kGridTolerance * out.diagonal_mm, options.workers, options.interrupted);
+  const MeasuredSurface surface(baked, grid_tolerance_mm, options.workers, options.interrupted);
   if (stopped()) return interrupted;
   double area = 0;
   std::optional<MeasuredSurface::Part> kept;
@@ -192,6 +197,18 @@ Result<Fidelity> measureFidelity(const FidelityScan& scan, const MeshBake& baked
   out.to_drawn = summarise(scan_samples, target, out.violations);
   out.to_scan = summarise(drawn_samples, target, out.violations);
   return out;
+}
+
+}  // namespace
+
+Result<Fidelity> measureFidelity(const FidelityScan& scan, const MeshBake& baked, const FidelityTarget& target,
+                                 const FidelityOptions& options) {
+  const double fine_mm = kGridTolerance * scan.diagonalMm(), coarse_mm = kShareFarOff * baked.report().deviation_mm;
+  if (coarse_mm > 2 * fine_mm) {
+    auto found = measureOnGrids(coarse_mm, scan, baked, target, options);
+    if (!found || found->excess() > kFarOff) return found;
+  }
+  return measureOnGrids(fine_mm, scan, baked, target, options);
 }
 
 }  // namespace relievo

@@ -169,7 +169,7 @@ class FacePairs {
           const double facing = glm::dot(normal_[around[i]], direction);
           if (facing < least) least = facing, least_facing = around[i];
         }
-        if (least > 1 || direction == glm::dvec3(0)) break;
+        if (direction == glm::dvec3(0)) break;
         if (least > most) most = least, best = direction;
         sum = direction + normal_[least_facing] / static_cast<double>(step + 1);
       }

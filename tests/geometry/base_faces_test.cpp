@@ -198,6 +198,32 @@ TEST(BaseFaces, BordersTakeWhoHasNoPartner) {
   EXPECT_EQ(c.farther, 0u);
 }
 
+// Rounding makes a triangle's unit normal a little longer than 1 in some directions, and shorter in others: a corner
+// takes the plane's normal in all of them.
+TEST(BaseFaces, CornersOfFlatPartsFaceAsTheseDo) {
+  std::mt19937 random(3);
+  std::normal_distribution<double> turn;
+  int longer = 0, shorter = 0;
+  for (int round = 0; round < 200; ++round) {
+    const glm::dvec3 x = unit({turn(random), turn(random), turn(random)}),
+                     normal = unit(glm::cross(x, {turn(random), turn(random), turn(random)})),
+                     y = glm::cross(normal, x);
+    TriMesh triangle;
+    triangle.positions_mm = {glm::vec3(0), glm::vec3(20.0 * x), glm::vec3(20.0 * y)};
+    triangle.triangles = {{0, 1, 2}};
+    const BaseMesh base = facesOf(triangle);
+    ASSERT_EQ(base.patches.size(), 1u);
+    for (const BaseCorner& c : base.corners)
+      EXPECT_GT(glm::dot(glm::dvec3(c.normal), normal), 0.999) << "round " << round;
+    const glm::dvec3 rounded =
+        unit(glm::cross(glm::dvec3(triangle.positions_mm[1]), glm::dvec3(triangle.positions_mm[2])));
+    longer += glm::dot(rounded, rounded) > 1;
+    shorter += glm::dot(rounded, rounded) < 1;
+  }
+  EXPECT_GT(longer, 10);
+  EXPECT_GT(shorter, 10);
+}
+
 TEST(BaseFaces, NoMoreThanAskedFor) {
   const TriMesh mesh = ballMesh(6);
   const size_t free = facesOf(mesh).patches.size(), least = mesh.triangles.size() / 2;

@@ -188,6 +188,52 @@ TEST(PromisedDistanceControl, MissingPiecesAreMisses) {
   EXPECT_GT(measured(two, drawn, two.origin_mm - drawn.origin_mm, diagonalOf(two), 300).largest, 0.1);
 }
 
+// Far off, coarse blocks are measured: what they say is what is so, but for a little. Where the target is one that is
+// nearly kept, the same surface is measured on fine ones.
+TEST(FarOff, IsToldAsFarOffAsItIs) {
+  const TriMesh ball = ballMesh(8),
+                scan = cubeMesh(30, [](const glm::dvec3&p) {
+                  const glm::dvec3 d = glm::normalize(p);
+                  return d * (50 + 5 * std::sin(13 * d.x) * std::sin(13 * d.y) * std::sin(13 * d.z));
+                });
+  auto base = makeBaseMesh(ball, {.patches = 24});
+  ASSERT_TRUE(base.ok());
+  BakeOptions options;
+  options.cells_log2 = 2;
+  options.fit = false;
+  auto bake = MeshBake::create(scan, {}, *base, options);
+  ASSERT_TRUE(bake.ok());
+  const double diagonal = diagonalOf(scan);
+  const FidelityScan measured_scan(scan, 0, 10'000);
+  auto coarse = measureFidelity(measured_scan, **bake, FidelityTarget::of(diagonal)),
+       fine = measureFidelity(measured_scan, **bake, FidelityTarget::within(0.05 * diagonal));
+  ASSERT_TRUE(coarse.ok() && fine.ok());
+  ASSERT_GT(coarse->excess(), 32);
+  ASSERT_LT(fine->excess(), 32);
+  EXPECT_NE(coarse->to_scan.rms_mm, fine->to_scan.rms_mm);
+  // Four cells between two samples.
+  SurfaceGrid grid(4);
+  TriMesh drawn;
+  for (uint32_t patch = 0; patch < base->patches.size(); ++patch) {
+    (*bake)->surface(patch, grid);
+    const auto row = static_cast<uint32_t>(grid.row()), first = static_cast<uint32_t>(drawn.positions_mm.size());
+    for (size_t i = 0; i < row * row; ++i)
+      drawn.positions_mm.push_back(glm::vec3(glm::dvec3(grid.axes[0][i], grid.axes[1][i], grid.axes[2][i])));
+    for (uint32_t y = 0; y + 1 < row; ++y)
+      for (uint32_t x = 0; x + 1 < row; ++x) {
+        const uint32_t a = first + y * row + x, b = a + row;
+        drawn.triangles.push_back({a, b + 1, a + 1});
+        drawn.triangles.push_back({a, b, b + 1});
+      }
+  }
+  const Way there = measured(scan, drawn, glm::dvec3(0), diagonal, 4000),
+            back = measured(drawn, scan, glm::dvec3(0), diagonal, 4000);
+  for (const Fidelity* found : {&*coarse, &*fine}) {
+    EXPECT_NEAR(found->to_drawn.rms_mm / diagonal, there.rms, 0.03 * there.rms);
+    EXPECT_NEAR(found->to_scan.rms_mm / diagonal, back.rms, 0.03 * back.rms);
+  }
+}
+
 // Every piece has patches from the first base on: what a closed one's topology needs, at least.
 TEST(PromisedDistance, NoPieceVanishes) {
   const TriMesh scan = figure(1);

@@ -356,6 +356,21 @@ TEST(PatchPackage, packedBaseMeshesOfAnyBytesAreSectionsOrErrors) {
   EXPECT_GT(errors, 1000);
 }
 
+// What a reader and the build need for a packed section, as its frame's head says it (RFC 8878, 3.1.1.1.2): a window of
+// at most a MiB, however large the section is.
+TEST(PatchPackage, packedBaseMeshesTakeSmallWindows) {
+  auto windowLogOf = [](uint32_t patches) {
+    std::vector<uint8_t> section(baseSectionBytes(0, patches));
+    storeLittle(section.data() + 4, patches);
+    const std::vector<uint8_t> packed = packBaseSection(section, 19);
+    EXPECT_EQ(*unpackBaseSection(packed, patches), section);
+    return 10 + (packed[4 + 5] >> 3);
+  };
+  const auto patches_of_mib = static_cast<uint32_t>((uint64_t{1} << 20) / baseSectionBytes(0, 1));
+  EXPECT_EQ(windowLogOf(5 * patches_of_mib), 20);
+  EXPECT_LT(windowLogOf(patches_of_mib / 4), 20) << "control: those of small ones are as large as they are";
+}
+
 void expectSubsamplesAndBounds(bool compact) {
   // How far bounds of the base mesh's section are rounded: of a part of an error; of a block's share; of a
   // slope.

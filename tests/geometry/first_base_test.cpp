@@ -1,0 +1,60 @@
+// What takes the place of a first base that has too many patches: what has the fewest, if there is any.
+#include "geometry/bake/first_base.h"
+
+#include <gtest/gtest.h>
+
+#include <vector>
+
+namespace relievo {
+namespace first_base_test {
+
+TEST(FirstBase, IsHopelessBeyondTwiceThePatchesThereMayBe) {
+  // The smallest closed piece takes six: 1,365 of them may still be baked.
+  EXPECT_FALSE(isHopeless(6 * 1365));
+  EXPECT_FALSE(isHopeless(8192));
+  EXPECT_TRUE(isHopeless(8193));
+  EXPECT_TRUE(isHopeless(6 * 1366));
+}
+
+// What was asked for, one after the other; 0 is the base of simplified triangles.
+struct Tried {
+  std::vector<uint32_t> bases;
+  Result<bool> replaced = false;
+};
+// Own triangles fit into so many patches; simplified ones: whether there is such a base, or an error.
+Tried tried(uint32_t own_triangles_take, const Result<bool>& simplified) {
+  Tried out;
+  out.replaced = replaceFirstBase(
+      [&](uint32_t max_patches) -> Result<bool> {
+        out.bases.push_back(max_patches);
+        return own_triangles_take <= max_patches;
+      },
+      [&] {
+        out.bases.push_back(0);
+        return simplified;
+      });
+  return out;
+}
+
+TEST(FirstBase, IsReplacedByWhatHasTheFewestPatches) {
+  auto expectTried = [](const Tried& out, const std::vector<uint32_t>& bases, bool replaced) {
+    EXPECT_EQ(out.bases, bases);
+    ASSERT_TRUE(out.replaced.ok());
+    EXPECT_EQ(*out.replaced, replaced);
+  };
+  expectTried(tried(4096, true), {4096}, true);
+  expectTried(tried(4097, true), {4096, 0}, true);
+  expectTried(tried(65'536, false), {4096, 0, 65'536}, true);
+  // Control: where nothing can take its place, it stays.
+  expectTried(tried(65'537, false), {4096, 0, 65'536}, false);
+}
+
+TEST(FirstBase, ErrorsEndTheSearch) {
+  const Tried out = tried(5000, Error{ErrorKind::kInterrupted, "", "interrupted", "", {}});
+  EXPECT_EQ(out.bases, (std::vector<uint32_t>{4096, 0}));
+  ASSERT_FALSE(out.replaced.ok());
+  EXPECT_EQ(out.replaced.error().kind, ErrorKind::kInterrupted);
+}
+
+}  // namespace first_base_test
+}  // namespace relievo
