@@ -135,14 +135,18 @@ Result<std::string> cacheFolder(const std::string& file, const ArtworkCache& cac
 // Keeps a lock on the file for as long as it lives.
 class InUse {
  public:
-  explicit InUse(const std::string& path) : fd_(::open(path.c_str(), O_RDONLY | O_CLOEXEC)) {
-    if (fd_ >= 0 && ::flock(fd_, LOCK_SH) != 0) close();
-    // Removed between the two, it is no longer the cache's.
-    struct stat held {
-    }, named{};
-    if (fd_ >= 0 && (::fstat(fd_, &held) != 0 || ::stat(path.c_str(), &named) != 0 || held.st_ino != named.st_ino ||
-                     held.st_dev != named.st_dev))
-      close();
+  explicit InUse(const std::string& path) {
+    // Removed between opening and locking, it is no longer the cache's; but then another process may have put its own
+    // there, which is as good.
+    for (int tries = 0; tries < 16 && !held(); ++tries) {
+      fd_ = ::open(path.c_str(), O_RDONLY | O_CLOEXEC);
+      if (fd_ < 0) return;
+      struct stat locked {
+      }, named{};
+      if (::flock(fd_, LOCK_SH) != 0 || ::fstat(fd_, &locked) != 0 || ::stat(path.c_str(), &named) != 0 ||
+          locked.st_ino != named.st_ino || locked.st_dev != named.st_dev)
+        close();
+    }
   }
   InUse(const InUse&) = delete;
   InUse& operator=(const InUse&) = delete;
@@ -154,7 +158,7 @@ class InUse {
     if (fd_ >= 0) ::close(fd_);
     fd_ = -1;
   }
-  int fd_;
+  int fd_ = -1;
 };
 
 // A package that has no name yet by which it is found: removed, unless it was renamed.
