@@ -11,7 +11,7 @@ void FrameTimeControl::observe(double frame_ms, bool moving) {
     --unjudged_;
     return;
   }
-  if (frame_ms <= target_ms_ && frame_ms >= kLow * target_ms_) return;
+  if (frame_ms <= kHigh * target_ms_ && frame_ms >= kLow * target_ms_) return;
   const double wanted = std::clamp(pressure_ + kGain * std::log2(frame_ms / (kAim * target_ms_)), 0.0, kMostPressure);
   if (wanted == pressure_) return;
   pressure_ = wanted;

@@ -7,9 +7,10 @@
 // its width and height, which is what helps where pixels take the time, as in software; then the error grows again.
 //
 // Control is proportional, in logarithms: a frame that takes twice too long raises the pressure by kGain. A change
-// shows only after its patch list has come, a frame or two later: frames until then are not judged. Between kLow of the
-// target and the target nothing changes, so that noise does not make it tremble. Where one unit of pressure saves a
-// factor of 1 to 2.2 in time, a step of load by 4 is settled within ten frames: so a unit halves the pixels.
+// shows only after its patch list has come, a frame or two later: frames until then are not judged. Between kLow and
+// kHigh of the target nothing changes, so that noise does not make it tremble; the rest of it is for frames that take
+// longer than their neighbours. Where one unit of pressure saves a factor of 1 to 2.2 in time, a step of load by 4 is
+// settled within ten frames: so a unit halves the pixels.
 #pragma once
 
 #include <array>
@@ -21,7 +22,7 @@ namespace relievo {
 class FrameTimeControl {
  public:
   static constexpr double kGain = 0.9;
-  static constexpr double kLow = 0.7, kAim = 0.85;  // of the target
+  static constexpr double kLow = 0.65, kHigh = 0.93, kAim = 0.8;  // of the target
   static constexpr double kSamplingPressure = 0.25, kGeometryPressure = 1.25, kResolutionPressure = 3.25,
                           kMostPressure = 4.25;
   static constexpr int kFramesUnjudged = 1;  // after a change

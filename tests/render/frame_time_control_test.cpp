@@ -119,7 +119,7 @@ TEST(FrameTimeControl, GivesUpSamplingThenGeometryThenResolution) {
     int least_width_px, most_width_px;
   };
   // Loads for which a simulated frame, which saves 2^-0.5 a unit of pressure, needs some 0.2, 1, 2.5 and all of it.
-  for (const Step& step : {Step{0.9, "sampling", 1, 1, 1600, 1600}, Step{1.2, "geometry", 2, 4, 1600, 1600},
+  for (const Step& step : {Step{0.85, "sampling", 1, 1, 1600, 1600}, Step{1.2, "geometry", 2, 4, 1600, 1600},
                            Step{2, "resolution", 4, 4, 900, 1300}, Step{50, "resolution", 16, 16, 800, 800}}) {
     FrameTimeControl control(kTargetMs);
     double shown = 0;
