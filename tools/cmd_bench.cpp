@@ -62,15 +62,15 @@ Result<std::shared_ptr<const Package>> openArtwork(const BenchOptions& o, const 
   auto package = Package::open(path);
   if (!package) return package.error();
   const bool any_will_do = !o.only.empty() && std::all_of(o.only.begin(), o.only.end(), [](const std::string& group) {
-    return group == "relief-memory";
+    return group == "relief-memory" || group == "frame-time";
   });
   if (!(*package)->manifest().domain.isFlat() && !any_will_do)
-    return Error{
-        ErrorKind::kUnsupported,
-        path,
-        "expected a flat artwork to measure with, found a scan",
-        "--only relief-memory measures scans, too; mesh-lod, mesh-patches and mesh-build measure those that they make",
-        {}};
+    return Error{ErrorKind::kUnsupported,
+                 path,
+                 "expected a flat artwork to measure with, found a scan",
+                 "--only relief-memory and frame-time measure scans, too; mesh-lod, mesh-patches and mesh-build "
+                 "measure those that they make",
+                 {}};
   return std::shared_ptr<const Package>(*package);
 }
 
