@@ -19,8 +19,8 @@ constexpr int kZstdLevel = 12;  // above it these parts lose less than 1 % of th
 // before.
 struct EncodedVertex {
   uint32_t x = 0, y = 0;
-  uint16_t height = 0, instance = 0;  // of the part's list of patches
-  uint32_t patch = 0;                 // of the first vertex that names the instance; else 0
+  uint16_t height = 0, patch_index = 0;  // in the part's list of patches
+  uint32_t patch = 0;                    // of the first vertex of that index; else 0
 };
 
 struct PartMesh {
@@ -97,9 +97,9 @@ std::optional<DecodedPart> decodePart(const EncodedPart& part) {
     return std::nullopt;
   std::vector<uint32_t> patches;
   for (const EncodedVertex& v : coded) {
-    if (v.instance == patches.size()) patches.push_back(v.patch);
-    if (v.instance >= patches.size()) return std::nullopt;
-    out.vertices.push_back({patches[v.instance], static_cast<int32_t>(v.x), static_cast<int32_t>(v.y), v.height});
+    if (v.patch_index == patches.size()) patches.push_back(v.patch);
+    if (v.patch_index >= patches.size()) return std::nullopt;
+    out.vertices.push_back({patches[v.patch_index], static_cast<int32_t>(v.x), static_cast<int32_t>(v.y), v.height});
   }
   for (const uint32_t i : out.indices)
     if (i >= out.vertices.size()) return std::nullopt;

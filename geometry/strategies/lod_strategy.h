@@ -2,10 +2,11 @@
 // side by side. A strategy is one file, strategy_NAME.cpp, which strategy_list.h declares and strategy_registry.cpp
 // calls; nothing else knows its name. It takes a view (LodView in lod.h) and answers with instanced grids
 // (PatchInstance there), explicit triangles, or both, and the error that it predicts. All strategies draw from the same
-// relief pages, every one of them resident: geometry is compared, not streaming. A strategy names nodes and places in
-// them, over a base mesh as on a flat artwork; heights and projection are computed elsewhere. SceneLod and
-// strategy_bounds.h know which of the two a scene is. Pure: no GL. A strategy is used by one thread; the same scene and
-// views, in the same order, give the same results.
+// relief pages, every one of them resident: what an empty cache would have to read is counted beside, as the pages of
+// the nodes or the parts of a StrategyMesh. A strategy names nodes and places in them, over a base mesh as on a flat
+// artwork; heights and projection are computed elsewhere. SceneLod and strategy_bounds.h know which of the two a scene
+// is. Pure: no GL. A strategy is used by one thread; the same scene and views, in the same order, give the same
+// results.
 #pragma once
 
 #include <array>

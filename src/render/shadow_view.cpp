@@ -76,13 +76,6 @@ Polygon cornersInView(const ViewTransform& camera, const Extent& extent) {
   return corners;
 }
 
-// Right, up and along the axis of a view, as rows.
-glm::dmat3 lookingAlong(const glm::dvec3& axis) {
-  const glm::dvec3 aside = std::abs(axis.y) < 0.9 ? glm::dvec3(0, 1, 0) : glm::dvec3(1, 0, 0);
-  const glm::dvec3 right = glm::normalize(glm::cross(aside, axis));
-  return glm::transpose(glm::dmat3(right, glm::cross(axis, right), axis));
-}
-
 // The perspective of a light, of what lies between low and high by tangents. holds: of these, what it counts for.
 ShadowView perspectiveFrom(const glm::dvec3& place_mm, const glm::dmat3& light_from_world, const Extent& extent,
                            glm::dvec2 low, glm::dvec2 high, double holds) {
@@ -119,10 +112,14 @@ ShadowView perspectiveFrom(const glm::dvec3& place_mm, const glm::dmat3& light_f
 
 }  // namespace
 
+glm::dmat3 lookingAlong(const glm::dvec3& axis) {
+  const glm::dvec3 aside = std::abs(axis.y) < 0.9 ? glm::dvec3(0, 1, 0) : glm::dvec3(1, 0, 0);
+  const glm::dvec3 right = glm::normalize(glm::cross(aside, axis));
+  return glm::transpose(glm::dmat3(right, glm::cross(axis, right), axis));
+}
+
 ShadowView shadowView(const ViewTransform& camera, const Extent& extent, const glm::dvec3& light) {
-  const glm::dvec3 aside = std::abs(light.y) < 0.9 ? glm::dvec3(0, 1, 0) : glm::dvec3(1, 0, 0);
-  const glm::dvec3 right = glm::normalize(glm::cross(aside, light)), up = glm::cross(light, right);
-  const glm::dmat3 light_from_world = glm::transpose(glm::dmat3(right, up, light));
+  const glm::dmat3 light_from_world = lookingAlong(light);
   glm::dvec3 low(1e300), high(-1e300);
   for (const glm::dvec3& p : cornersInView(camera, extent)) {
     low = glm::min(low, light_from_world * p);

@@ -10,6 +10,9 @@
 
 namespace relievo {
 
+// Right, up and along an axis of length 1, as rows: any of the turns about it, and the same one each time.
+glm::dmat3 lookingAlong(const glm::dvec3& axis);
+
 struct ShadowView {
   // Orthographic, along the light: what the camera sees of the artwork fills x and y of -1..1, and whatever of the
   // artwork may stand between that and the light lies within z of -1..1, the nearest to the light at -1.

@@ -11,6 +11,7 @@
 #include "src/viewer/frame_time_control.h"
 #include "tools/bench/bench_groups.h"
 #include "tools/bench/flight.h"
+#include "tools/bench/frame_timing.h"
 
 namespace relievo {
 namespace {
@@ -18,14 +19,6 @@ namespace {
 constexpr double kTargetMs = 33;
 constexpr double kStep_s = 1.0 / 30;  // of the flight's time, from frame to frame
 constexpr double kSettleTimeout_s = 60;
-
-// Until the picture is there.
-double timedFrameMs(Engine& engine) {
-  const double start = benchSeconds();
-  engine.frame(start);
-  engine.readPixels();
-  return 1000 * (benchSeconds() - start);
-}
 
 // Of a body: around it and nearer, with moments of rest at the ends.
 Flight aroundFlight(const Extent& extent, int width_px, int height_px) {

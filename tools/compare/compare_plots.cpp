@@ -46,9 +46,9 @@ std::vector<ComparePlot> costPlots(const std::vector<CompareRow>& rows) {
   std::vector<size_t> series_of_row;
   const auto series = seriesOf(rows, series_of_row);
   std::vector<ComparePlot> out;
-  const bool cold = std::any_of(rows.begin(), rows.end(), [](const CompareRow& r) { return r.cold.bytes >= 1; });
+  const bool cold = std::any_of(rows.begin(), rows.end(), [](const CompareRow& r) { return r.cold.known(); });
   for (const Panel& p : panels) {
-    if (p.x == cold_ms && !cold) continue;  // reports of before cold starts were counted
+    if (p.x == cold_ms && !cold) continue;
     Plot plot{p.title, {.title = p.x_title}, {.title = p.y_title}, series, {}};
     const std::vector<bool> best = bestRows(rows, p.x, p.y);
     for (size_t k = 0; k < rows.size(); ++k) {

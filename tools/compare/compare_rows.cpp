@@ -136,8 +136,7 @@ std::string conclusionText(const EqualError& equal) {
   else appendf(out, ", which is within the frames' spread (%.2f to %.2f ms). ", quick[0]->ms_low, quick[0]->ms_high);
   constexpr int kRate = kLinkRates[1];
   const auto first = ranked([](auto& a, auto& b) { return a.cold.ms(kRate) < b.cold.ms(kRate); });
-  // Reports of before cold starts were counted have none.
-  if (first[0]->cold.bytes >= 1)
+  if (first[0]->cold.known())
     appendf(
         out,
         "From an empty cache, over a link of %d MB/s, %s is there first, after %.3g ms; %s takes %.2f times as long. ",

@@ -48,6 +48,7 @@ struct Timing {
 inline constexpr int kLinkRates[] = {5, 20, 100};  // MB/s
 struct ColdStart {
   double bytes = 0, decode_ms = 0;
+  bool known() const { return bytes >= 1; }  // reports of before cold starts were counted have none
   // Reading at that rate or, beside it, decoding by one thread: whichever takes longer.
   double ms(double mb_per_s) const { return std::max(bytes / (1000 * mb_per_s), decode_ms); }
 };

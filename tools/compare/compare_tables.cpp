@@ -80,7 +80,7 @@ std::string costTableHtml(const std::vector<CompareRow>& rows) {
     time(out, r.select_ms);
     time(out, r.frame_ms);
     appendf(out, "<td>%.2f</td><td>%.2f</td>", mib(r.resident_bytes), mib(r.streamed_bytes));
-    if (r.cold.bytes >= 1) appendf(out, "<td>%.3f</td></tr>\n", r.cold.bytes / 1048576);
+    if (r.cold.known()) appendf(out, "<td>%.3f</td></tr>\n", r.cold.bytes / 1048576);
     else out += "<td>not known</td></tr>\n";
   }
   return out + "</tbody></table></div>\n";
@@ -94,7 +94,7 @@ std::string equalErrorTableHtml(const EqualError& equal) {
   for (const EqualErrorCost& c : costs) {
     appendf(out, "<tr><td>%s</td><td>%.0f</td><td>%.2f</td><td>%.2f<small> %.2f to %.2f</small></td>",
             escapedHtml(c.title).c_str(), c.triangles, c.triangles / costs[0].triangles, c.ms, c.ms_low, c.ms_high);
-    if (c.cold.bytes < 1) {
+    if (!c.cold.known()) {
       out += "<td colspan='4'>not known</td></tr>\n";
       continue;
     }
@@ -123,7 +123,7 @@ std::string rowsCsv(const std::vector<CompareRow>& rows, const std::string& artw
     if (r.seams_known) appendf(out, "%llu", static_cast<unsigned long long>(r.seam_mismatches));
     appendf(out, ",%.0f,%u,%.6g,%.6g,%llu,%llu,", r.triangles, r.draw_calls, r.select_ms.median, r.frame_ms.median,
             static_cast<unsigned long long>(r.resident_bytes), static_cast<unsigned long long>(r.streamed_bytes));
-    if (r.cold.bytes >= 1) appendf(out, "%.6g,%.6g\n", r.cold.bytes, r.cold.decode_ms);
+    if (r.cold.known()) appendf(out, "%.6g,%.6g\n", r.cold.bytes, r.cold.decode_ms);
     else out += ",\n";
   }
   return out;

@@ -130,15 +130,12 @@ SceneAnimation animationOf(const std::vector<CameraKeyMembers>& path,
 
 Json jsonOf(const CameraKey& key) {
   Json json = {{"time_s", key.time_s}};
-  const auto put = [&](const char* name, const auto& value) {
-    if (value) json[name] = *value;
-  };
-  put("azimuth_deg", key.azimuth_deg);
-  put("elevation_deg", key.elevation_deg);
-  put("distance_mm", key.distance_mm);
-  put("fov_deg", key.fov_deg);
-  put("mm_per_px", key.mm_per_px);
-  put("target_mm", key.target_mm);
+  putKnown(json, "azimuth_deg", key.azimuth_deg);
+  putKnown(json, "elevation_deg", key.elevation_deg);
+  putKnown(json, "distance_mm", key.distance_mm);
+  putKnown(json, "fov_deg", key.fov_deg);
+  putKnown(json, "mm_per_px", key.mm_per_px);
+  putKnown(json, "target_mm", key.target_mm);
   return json;
 }
 

@@ -72,4 +72,10 @@ Result<void> readJsonValue(std::string_view text, const JsonMember& member, cons
 // Its JSON Schema (draft 2020-12).
 std::string jsonSchema(const JsonFormat& format, const JsonMembers& members);
 
+// For writing: a member where there is a value.
+template <class Json, class T>
+void putKnown(Json& object, const char* name, const std::optional<T>& value) {
+  if (value) object[name] = *value;
+}
+
 }  // namespace relievo

@@ -360,36 +360,33 @@ bool namesScene(const std::string& path) {
 
 std::string sceneText(const SceneFile& s) {
   Json json = {{"format", kSceneFormat.name}, {"version", kSceneVersion}, {"artwork", s.artwork}};
-  const auto put = [](Json& to, const char* name, const auto& value) {
-    if (value) to[name] = *value;
-  };
   Json camera = Json::object(), light = Json::object(), surface = Json::object(), effects = Json::object(),
        picture = Json::object();
-  put(camera, "azimuth_deg", s.camera.azimuth_deg);
-  put(camera, "elevation_deg", s.camera.elevation_deg);
-  put(camera, "distance_mm", s.camera.distance_mm);
-  put(camera, "fov_deg", s.camera.fov_deg);
-  put(camera, "mm_per_px", s.camera.mm_per_px);
-  put(camera, "orthographic", s.camera.orthographic);
-  put(camera, "target_mm", s.camera.target_mm);
-  put(light, "towards", s.light);
-  put(light, "fixed", s.light_fixed);
-  put(light, "shadows", s.shadows);
-  put(light, "size_deg", s.light_size_deg);
-  put(surface, "relief", s.relief);
-  put(surface, "exaggerate", s.exaggerate);
-  put(surface, "unlit", s.unlit);
-  put(surface, "geomorph", s.geomorph);
+  putKnown(camera, "azimuth_deg", s.camera.azimuth_deg);
+  putKnown(camera, "elevation_deg", s.camera.elevation_deg);
+  putKnown(camera, "distance_mm", s.camera.distance_mm);
+  putKnown(camera, "fov_deg", s.camera.fov_deg);
+  putKnown(camera, "mm_per_px", s.camera.mm_per_px);
+  putKnown(camera, "orthographic", s.camera.orthographic);
+  putKnown(camera, "target_mm", s.camera.target_mm);
+  putKnown(light, "towards", s.light);
+  putKnown(light, "fixed", s.light_fixed);
+  putKnown(light, "shadows", s.shadows);
+  putKnown(light, "size_deg", s.light_size_deg);
+  putKnown(surface, "relief", s.relief);
+  putKnown(surface, "exaggerate", s.exaggerate);
+  putKnown(surface, "unlit", s.unlit);
+  putKnown(surface, "geomorph", s.geomorph);
   for (const EffectSetting& setting : s.effects)
     for (size_t i = 0; i < PixelEffect::kMaxParameters && !setting.changesNothing(); ++i)
       if (const EffectParameter& p = setting.effect->parameters[i]; !p.name.empty())
         effects[std::string(p.name)] = setting.values[i];
-  put(effects, "ambient_occlusion", s.ambient_occlusion);
-  put(effects, "show", s.show);
-  put(effects, "wireframe", s.wireframe);
-  put(picture, "size_px", s.size_px);
-  put(picture, "samples", s.samples);
-  put(picture, "background", s.background);
+  putKnown(effects, "ambient_occlusion", s.ambient_occlusion);
+  putKnown(effects, "show", s.show);
+  putKnown(effects, "wireframe", s.wireframe);
+  putKnown(picture, "size_px", s.size_px);
+  putKnown(picture, "samples", s.samples);
+  putKnown(picture, "background", s.background);
   for (auto& [name, object] : {std::pair<const char*, Json&>{"camera", camera},
                                {"light", light},
                                {"surface", surface},

@@ -36,19 +36,16 @@ JsonMembers settingsMembers(DrawSettings& to) {
 std::string settingsText(const DrawSettings& s, const std::string& about) {
   nlohmann::ordered_json json = {{"format", kSettingsFormat.name}, {"version", kSettingsVersion}};
   if (!about.empty()) json["about"] = about;
-  const auto put = [&](const char* name, const auto& value) {
-    if (value) json[name] = *value;
-  };
-  put("error_px", s.error_px);
-  put("least_cell", s.least_cell);
-  put("detail_bias", s.detail_bias);
-  put("cache_mib", s.cache_mib);
-  put("sampling", s.sampling);
-  put("filter", s.filter);
-  put("anisotropy", s.anisotropy);
-  put("feedback_scale", s.feedback_scale);
-  put("feedback_interval", s.feedback_interval);
-  put("prefetch", s.prefetch);
+  putKnown(json, "error_px", s.error_px);
+  putKnown(json, "least_cell", s.least_cell);
+  putKnown(json, "detail_bias", s.detail_bias);
+  putKnown(json, "cache_mib", s.cache_mib);
+  putKnown(json, "sampling", s.sampling);
+  putKnown(json, "filter", s.filter);
+  putKnown(json, "anisotropy", s.anisotropy);
+  putKnown(json, "feedback_scale", s.feedback_scale);
+  putKnown(json, "feedback_interval", s.feedback_interval);
+  putKnown(json, "prefetch", s.prefetch);
   return json.dump(2) + "\n";
 }
 

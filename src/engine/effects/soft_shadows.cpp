@@ -3,6 +3,8 @@
 #include <cmath>
 #include <numbers>
 
+#include "src/render/shadow_view.h"
+
 namespace relievo {
 
 glm::dvec2 latticePoint(int k, int n) {
@@ -13,8 +15,8 @@ glm::dvec2 latticePoint(int k, int n) {
 }
 
 std::vector<glm::dvec3> discDirections(const glm::dvec3& light, double size_deg, int count) {
-  const glm::dvec3 aside = std::abs(light.y) < 0.9 ? glm::dvec3(0, 1, 0) : glm::dvec3(1, 0, 0);
-  const glm::dvec3 right = glm::normalize(glm::cross(aside, light)), up = glm::cross(light, right);
+  const glm::dmat3 world_from_light = glm::transpose(lookingAlong(light));
+  const glm::dvec3 &right = world_from_light[0], &up = world_from_light[1];
   const double half = size_deg / 2 * std::numbers::pi / 180;
   // 1 - cos(half), without cancellation for small discs.
   const double depth = 2 * std::sin(half / 2) * std::sin(half / 2);
@@ -28,8 +30,8 @@ std::vector<glm::dvec3> discDirections(const glm::dvec3& light, double size_deg,
 }
 
 std::vector<glm::dvec3> discPlaces(const glm::dvec3& place_mm, const glm::dvec3& towards, double size_mm, int count) {
-  const glm::dvec3 aside = std::abs(towards.y) < 0.9 ? glm::dvec3(0, 1, 0) : glm::dvec3(1, 0, 0);
-  const glm::dvec3 right = glm::normalize(glm::cross(aside, towards)), up = glm::cross(towards, right);
+  const glm::dmat3 world_from_light = glm::transpose(lookingAlong(towards));
+  const glm::dvec3 &right = world_from_light[0], &up = world_from_light[1];
   std::vector<glm::dvec3> places;
   for (int k = 0; k < count; ++k) {
     const glm::dvec2 at = latticePoint(k, count);

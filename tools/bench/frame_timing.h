@@ -1,4 +1,4 @@
-// frame_timing.h - how long an engine's frames take, for render --frames and plan.
+// frame_timing.h - how long an engine's frames take, for render --frames, plan and bench.
 #pragma once
 
 #include <vector>

@@ -1,4 +1,4 @@
-#include "tools/frame_timing.h"
+#include "tools/bench/frame_timing.h"
 
 #include <algorithm>
 #include <chrono>
