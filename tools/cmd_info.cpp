@@ -3,6 +3,7 @@
 #include <cstdio>
 #include <memory>
 #include <nlohmann/json.hpp>
+#include <optional>
 
 #include "src/base/json_parse.h"
 #include "src/base/progress.h"
@@ -10,6 +11,7 @@
 #include "src/engine/effect_plan.h"
 #include "src/engine/upload_choice.h"
 #include "texturing/package/package.h"
+#include "texturing/package/package_layout.h"
 #include "texturing/stream/cache_budget.h"
 #include "tools/commands.h"
 #include "tools/report/mesh_report.h"
@@ -73,6 +75,7 @@ struct Contents {
   const std::string& file;
   const Package& package;
   std::vector<PlaneLine> planes;
+  std::optional<TailBytes> tails;  // nothing: damage hides it
   double pixels() const { return package.manifest().domain.texelCount(); }
   double bytesPerPx() const { return static_cast<double>(package.fileBytes()) / pixels(); }
   const char* unit() const { return package.manifest().size_known ? "mm" : "px"; }
@@ -141,6 +144,15 @@ nlohmann::ordered_json jsonOf(const Contents& c) {
   if (auto codec = commonBlockCodec(m)) resident["blocks"] = residentBytesPerTexel(m, *codec);
   json["resident_bytes_per_texel"] = std::move(resident);
   json["pages"] = m.page_count;
+  // What is there twice counts once; the rest of the file is copies and padding.
+  const PackageHeader& h = c.package.header();
+  json["sections"] = {{"header_bytes", kHeaderBytes},
+                      {"manifest_bytes", h.manifest_bytes},
+                      {"base_mesh_bytes", h.base_bytes},
+                      {"index_bytes", h.index_bytes},
+                      {"pages_bytes", h.pages_bytes}};
+  if (c.tails) json["sections"]["tails_bytes"] = c.tails->all;
+  if (c.tails && c.tails->heights) json["sections"]["tails_heights_bytes"] = *c.tails->heights;
   if (const uint64_t left_out = m.domain.untexturedNodeCount(); left_out > 0) {
     json["texture_nodes_left_out"] = left_out;
     json["patches_without_texture_pages"] = patchesWithoutTexture(m.domain);
@@ -217,6 +229,12 @@ void printPages(const Contents& c) {
   if (const uint64_t left_out = d.untexturedNodeCount(); left_out > 0)
     printOutf("    left out  %llu nodes of texture that nothing needs; %llu patches have none at all, their tails do\n",
               static_cast<unsigned long long>(left_out), static_cast<unsigned long long>(patchesWithoutTexture(d)));
+  const PackageHeader& h = c.package.header();
+  auto kib = [](uint64_t bytes) { return static_cast<double>(bytes) / 1024; };
+  printOutf("    besides   index %.1f KiB", kib(h.index_bytes));
+  if (h.base_bytes > 0) printOutf(", base mesh %.1f KiB (twice)", kib(h.base_bytes));
+  if (c.package.hasTails() && c.tails) printOutf(", tails %.1f KiB", kib(c.tails->all));
+  printOutf("\n");
   if (c.package.hasTails()) {
     printOutf("  tails     resident whatever is seen, if patches are many or have no texture pages: %.1f MiB\n",
               static_cast<double>(tailGpuBytes(d.patchCount(), static_cast<uint64_t>(m.texture.planes()))) / (1 << 20));
@@ -248,7 +266,9 @@ Result<void> info(const InfoArguments& o) {
   for (const std::string& warning : package.warnings()) warn(o.file + ": " + warning);
   auto planes = planeLines(package);
   if (!planes) return planes.error();
-  const Contents contents{o.file, package, std::move(*planes)};
+  auto tails = package.tailBytes();
+  if (!tails && tails.error().kind == ErrorKind::kIo) return tails.error();
+  const Contents contents{o.file, package, std::move(*planes), tails ? std::optional(*tails) : std::nullopt};
   if (o.json) {
     const auto json = jsonOf(contents);
     printOutf("%s\n",

@@ -234,30 +234,32 @@ TEST(PatchTails, resolvedTailsAreResolvedTexelByTexel) {
 
 TEST(PatchTails, chunksDecodeToWhatWasEncodedAndNothingElse) {
   const PatchTails tails = noise(9, 6);
-  const std::vector<uint8_t> bytes = encodeTailsChunk(tails, 2, 5, 3);
-  PatchTails back(9, 6);
-  ASSERT_TRUE(decodeTailsChunk(bytes, 2, 5, back).ok());
-  for (uint32_t p = 2; p < 7; ++p) {
-    EXPECT_TRUE(std::ranges::equal(back.heightsOf(p), const_cast<PatchTails&>(tails).heightsOf(p)));
-    EXPECT_TRUE(std::ranges::equal(back.texelsOf(p), const_cast<PatchTails&>(tails).texelsOf(p)));
+  for (TailsStorage storage : {TailsStorage::kZstd, TailsStorage::kCoded}) {
+    const std::vector<uint8_t> bytes = encodeTailsChunk(tails, 2, 5, storage, 3);
+    PatchTails back(9, 6);
+    ASSERT_TRUE(decodeTailsChunk(bytes, 2, 5, storage, back).ok());
+    for (uint32_t p = 2; p < 7; ++p) {
+      EXPECT_TRUE(std::ranges::equal(back.heightsOf(p), const_cast<PatchTails&>(tails).heightsOf(p)));
+      EXPECT_TRUE(std::ranges::equal(back.texelsOf(p), const_cast<PatchTails&>(tails).texelsOf(p)));
+    }
+    for (uint32_t p : {0u, 1u, 7u, 8u})
+      EXPECT_EQ(std::ranges::count(back.heightsOf(p), 0), std::ssize(back.heightsOf(p)));
+    for (size_t length = 0; length < bytes.size(); length += 1 + length / 64)
+      EXPECT_FALSE(decodeTailsChunk({bytes.data(), length}, 2, 5, storage, back).ok()) << length;
+    EXPECT_FALSE(decodeTailsChunk(bytes, 2, 4, storage, back).ok());
+    EXPECT_FALSE(decodeTailsChunk(bytes, 2, 6, storage, back).ok());
+    // The same chunk whatever patches it stands for.
+    PatchTails moved(20, 6);
+    ASSERT_TRUE(decodeTailsChunk(bytes, 13, 5, storage, moved).ok());
+    EXPECT_TRUE(std::ranges::equal(moved.heightsOf(13), back.heightsOf(2)));
   }
-  for (uint32_t p : {0u, 1u, 7u, 8u})
-    EXPECT_EQ(std::ranges::count(back.heightsOf(p), 0), std::ssize(back.heightsOf(p)));
-  for (size_t length = 0; length < bytes.size(); length += 1 + length / 64)
-    EXPECT_FALSE(decodeTailsChunk({bytes.data(), length}, 2, 5, back).ok()) << length;
-  EXPECT_FALSE(decodeTailsChunk(bytes, 2, 4, back).ok());
-  EXPECT_FALSE(decodeTailsChunk(bytes, 2, 6, back).ok());
-  // The same chunk whatever patches it stands for.
-  PatchTails moved(20, 6);
-  ASSERT_TRUE(decodeTailsChunk(bytes, 13, 5, moved).ok());
-  EXPECT_TRUE(std::ranges::equal(moved.heightsOf(13), back.heightsOf(2)));
 }
 
 // The bytes of a chunk, by what PACKAGE.md says of them: the differences of the heights, low bytes before high bytes,
 // then those of the texels. Writer and reader could agree on anything else.
 TEST(PatchTails, chunksHoldDifferencesToTheLeftOrAtARowsBeginningToAbove) {
   PatchTails tails = noise(3, 3);
-  const std::vector<uint8_t> bytes = encodeTailsChunk(tails, 1, 2, 3);
+  const std::vector<uint8_t> bytes = encodeTailsChunk(tails, 1, 2, TailsStorage::kZstd, 3);
   std::vector<uint8_t> expected, high;
   for (uint32_t p : {1u, 2u}) {
     const std::span<const uint16_t> h = tails.heightsOf(p);

@@ -228,8 +228,9 @@ TEST(TextureDepths, PackagesLeaveOutWhatShowsAnywayAndNothingElse) {
   const MostlySmooth source(kSeed);
   const auto whole = built(folder.file("whole.relievo"), source, -1),
              package = built(folder.file("a.relievo"), source, kTolerance);
-  EXPECT_EQ(packageVersion(whole->header()), 4u);
-  EXPECT_EQ(packageVersion(package->header()), 5u);
+  EXPECT_EQ(packageVersion(whole->header()), 6u);
+  EXPECT_EQ(packageVersion(package->header()), 6u);
+  EXPECT_FALSE(whole->header().texture_depths);
   const PatchDomain& d = package->manifest().domain;
   ASSERT_TRUE(d.textureDepths());
   std::set<uint32_t> rough;
@@ -250,7 +251,7 @@ TEST(TextureDepths, PackagesLeaveOutWhatShowsAnywayAndNothingElse) {
   }
   EXPECT_GE(bare, 12u);
   EXPECT_TRUE(d.hasUntexturedPatch());
-  EXPECT_EQ(nlohmann::json::parse(package->manifestJson())["version"], 5);
+  EXPECT_EQ(nlohmann::json::parse(package->manifestJson())["version"], 6);
   EXPECT_EQ(d.texturedNodeCount(0), d.patchCount() - bare);
 
   if (!test::kSanitized) {
@@ -291,7 +292,7 @@ TEST(TextureDepths, PackagesLeaveOutWhatShowsAnywayAndNothingElse) {
   EXPECT_LT(package->fileBytes(), whole->fileBytes());
 }
 
-TEST(TextureDepths, TheSameBytesForAnyWorkersAndMemoryAndVersionFourWhereNothingIsLeftOut) {
+TEST(TextureDepths, TheSameBytesForAnyWorkersAndMemoryAndAsWithoutWhereNothingIsLeftOut) {
   if (test::kSanitized) GTEST_SKIP() << "about figures; others build packages under the sanitizer";
   ScratchFolder folder;
   const MostlySmooth source(kSeed, 0);
@@ -314,6 +315,27 @@ TEST(TextureDepths, TheSameBytesForAnyWorkersAndMemoryAndVersionFourWhereNothing
   older.compact = false;
   ASSERT_TRUE(buildPatchPackage(source, older).ok());
   EXPECT_FALSE((*Package::open(older.output))->manifest().domain.textureDepths());
+}
+
+// Older readers know tails as differences: packages for them hold the same, in more bytes.
+TEST(TextureDepths, VersionsFourAndFiveHoldTheSameTails) {
+  ScratchFolder folder;
+  const MostlySmooth source(kSeed, 0);
+  for (const double tolerance : {-1.0, kTolerance}) {
+    const auto now = built(folder.file("now.relievo"), source, tolerance);
+    BuildOptions o = optionsOf(folder.file("older.relievo"), tolerance);
+    o.coded_tails = false;
+    ASSERT_TRUE(buildPatchPackage(source, o).ok());
+    const auto older = *Package::open(o.output);
+    EXPECT_EQ(packageVersion(now->header()), 6u);
+    EXPECT_EQ(packageVersion(older->header()), tolerance < 0 ? 4u : 5u);
+    EXPECT_EQ(nlohmann::json::parse(older->manifestJson())["version"], tolerance < 0 ? 4 : 5);
+    EXPECT_TRUE(now->tailProblems().empty() && older->tailProblems().empty());
+    EXPECT_TRUE(now->tails(1, nullptr) == older->tails(1, nullptr));
+    EXPECT_LT(now->fileBytes(), older->fileBytes());
+    const uint64_t of_now = now->header().tails_offset, of_older = older->header().tails_offset;
+    EXPECT_EQ(of_older - of_now, older->fileBytes() - now->fileBytes()) << "nothing else differs in its size";
+  }
 }
 
 TEST(TextureDepths, PagesForToolsAreWhatIsShown) {
@@ -481,11 +503,13 @@ TEST_F(DepthsOfPackage, hostileFieldsAreRefusedByName) {
     EXPECT_NE(found.find(words), std::string::npos) << found;
   };
   EXPECT_EQ(withField(2060, uint32_t{1}), "") << "control: a field set to what it is";
-  expect(withField(2060, uint32_t{2}), "expected patches' texture levels of kind 1 in version 5, found 2");
-  expect(withField(2060, uint32_t{0}), "expected patches' texture levels of kind 1 in version 5, found 0");
-  expect(withField(8, uint32_t{6}), "expected package version 1 to 5, found 6");
+  expect(withField(2060, uint32_t{2}), "expected patches' texture levels of kind 1 in version 6, found 2");
+  EXPECT_NE(withField(2060, uint32_t{0}), "") << "then all pages would be there";
+  expect(withField(2064, uint32_t{0}), "expected tails of kind 1 in version 6, found 0");
+  expect(withField(2064, uint32_t{2}), "expected tails of kind 1 in version 6, found 2");
+  expect(withField(8, uint32_t{7}), "expected package version 1 to 6, found 7");
   EXPECT_NE(withField(8, uint32_t{4}), "") << "version 4 has all pages";
-  expect(withField(304, uint64_t{0}), "expected the patches' tails in version 5, found none");
+  expect(withField(304, uint64_t{0}), "expected the patches' tails in version 6, found none");
   // Other numbers of pages and of the index's bytes, within what any depths could make and beyond.
   for (int64_t step : {-1, 1}) {
     expect(withField(80, header_.page_count + static_cast<uint64_t>(step)), "texture levels make");

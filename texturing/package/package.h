@@ -61,6 +61,12 @@ struct PageRecord {
 
 struct PackageHeader;  // package_layout.h
 
+// What the tails take in the file, their directory included; heights: of version 6 alone, where they lie by themselves.
+struct TailBytes {
+  uint64_t all = 0;
+  std::optional<uint64_t> heights;
+};
+
 class Package final : public PageSource {
  public:
   static Result<std::shared_ptr<Package>> open(const std::string& path);
@@ -91,7 +97,8 @@ class Package final : public PageSource {
   // Calls problem(error) for each damaged part of the tails, as it is found, until *stop is set. Does nothing where the
   // package has no tails.
   void checkTails(const std::function<void(const Error&)>& problem, const std::atomic<bool>* stop = nullptr) const;
-  std::vector<std::string> tailProblems() const;             // as texts
+  std::vector<std::string> tailProblems() const;  // as texts
+  Result<TailBytes> tailBytes() const;
   Result<void> checkReliefDetail(const NodeId& node) const;  // is the block of reliefErrors() and shapes sound?
   // Is the index block that holds the page's entry sound?
   Result<void> checkIndex(PageId id) const;

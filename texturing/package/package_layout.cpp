@@ -83,8 +83,10 @@ constexpr size_t kOldCoefficients = 6, kOldScales = 144, kOldBiases = 192, kOldC
 constexpr uint32_t kDescribedBasis = 0xFFFFFFFFu;  // instead of its number
 // Version 4: how relief pages, the base mesh and the tree of errors by block are stored, 1 each.
 constexpr std::array<size_t, 3> kCompactFields{2048, 2052, 2056};
-// Version 5: how texture levels that patches do not have are left out, 1. Version 4: 0.
+// Version 5: how texture levels that patches do not have are left out, 1. Version 4: 0; version 6: either.
 constexpr size_t kTextureDepthsField = 2060;
+// Version 6: how tails are stored, 1. Before: 0.
+constexpr size_t kTailsField = 2064;
 constexpr size_t kBasisName = 320, kBasisNameBytes = 32, kBasisCounts = 352, kBasisEncodings = 368, kBasisScales = 432;
 static_assert(kBasisEncodings + 2 * kMaxTexturePlanes <= kBasisScales);
 static_assert(kBasisScales + 16 * kMaxCoefficients <= kCompactFields[0]);
@@ -341,6 +343,7 @@ void encodeHeader(const PackageHeader& h, std::span<uint8_t> out) {
   if (h.compact)
     for (size_t field : kCompactFields) f.put(field, 1u);
   if (h.compact && h.texture_depths) f.put(kTextureDepthsField, 1u);
+  if (h.compact && h.coded_tails) f.put(kTailsField, 1u);
   f.put(256, h.relief_detail ? static_cast<uint32_t>(kErrorBlocks) : 0u);
   f.put(260, h.relief_shapes ? 1u : 0u);
   f.put(264, h.base_offset);
@@ -398,8 +401,8 @@ class HeaderDecoder {
                    "make one with `relievo build`", 0};
     }
     version_ = at<uint32_t>(8);
-    if (version_ < 1 || version_ > 5) {
-      return Error{ErrorKind::kUnsupported, path_, "expected package version 1 to 5, found " + std::to_string(version_),
+    if (version_ < 1 || version_ > 6) {
+      return Error{ErrorKind::kUnsupported, path_, "expected package version 1 to 6, found " + std::to_string(version_),
                    "use a newer relievo, or rebuild the package", 8};
     }
     if (at<uint64_t>(kHeaderBytes - 8) != XXH3_64bits(p_, kHeaderBytes - 8))
@@ -447,15 +450,18 @@ class HeaderDecoder {
                                   std::to_string(shapes));
     h_.relief_shapes = shapes == 1;
     h_.compact = version_ >= 4;
-    h_.texture_depths = version_ == 5;
+    h_.coded_tails = version_ == 6;
+    h_.texture_depths = version_ == 5 || (version_ == 6 && at<uint32_t>(kTextureDepthsField) != 0);
     if (!h_.compact) return {};
     for (size_t field : kCompactFields)
       if (const auto kind = at<uint32_t>(field); kind != 1)
         return unsupported(field, "expected storage of kind 1 in version " + std::to_string(version_) + ", found " +
                                       std::to_string(kind));
     if (const auto kind = at<uint32_t>(kTextureDepthsField); h_.texture_depths && kind != 1)
-      return unsupported(kTextureDepthsField,
-                         "expected patches' texture levels of kind 1 in version 5, found " + std::to_string(kind));
+      return unsupported(kTextureDepthsField, "expected patches' texture levels of kind 1 in version " +
+                                                  std::to_string(version_) + ", found " + std::to_string(kind));
+    if (const auto kind = at<uint32_t>(kTailsField); h_.coded_tails && kind != 1)
+      return unsupported(kTailsField, "expected tails of kind 1 in version 6, found " + std::to_string(kind));
     if (at<uint64_t>(272) == 0)
       return invalid(272, "expected a base mesh in version " + std::to_string(version_) + ", found none");
     return {};
@@ -495,7 +501,7 @@ class HeaderDecoder {
       return invalid(304, "expected a directory of tails of " + std::to_string(expected) + " bytes, found " +
                               std::to_string(h_.tails_bytes));
     if (h_.texture_depths && h_.tails_bytes == 0)
-      return invalid(304, "expected the patches' tails in version 5, found none");
+      return invalid(304, "expected the patches' tails in version " + std::to_string(version_) + ", found none");
     if (!inside(h_.base_offset, h_.base_bytes))
       return outside(264, "the base mesh lies", h_.base_offset, h_.base_bytes);
     if (!inside(h_.base_copy_offset, h_.base_bytes))

@@ -13,6 +13,7 @@
 #include "src/base/json_parse.h"
 #include "src/base/parallel_for.h"
 #include "texturing/codec/page_codec.h"
+#include "texturing/codec/tail_code.h"
 #include "texturing/package/package.h"
 #include "texturing/package/package_base.h"
 #include "texturing/package/package_layout.h"
@@ -165,7 +166,8 @@ struct Package::Impl {
     if (auto read = file.read(chunk.offset, bytes); !read) return read;
     if (XXH3_64bits(bytes.data(), bytes.size()) != chunk.hash)
       return at(who + " are damaged: their checksum does not match");
-    auto decoded = decodeTailsChunk(bytes, into, count, tails);
+    auto decoded =
+        decodeTailsChunk(bytes, into, count, header.coded_tails ? TailsStorage::kCoded : TailsStorage::kZstd, tails);
     return decoded ? decoded : at(who + " are damaged: " + decoded.error().message);
   }
 
@@ -310,6 +312,23 @@ PatchTails Package::tails(int workers, std::vector<std::string>* problems, const
     if (auto read = impl_->readTails((*chunks)[i], first, count, out, first); !read)
       instead(first, count, read.error());
   });
+  return out;
+}
+
+Result<TailBytes> Package::tailBytes() const {
+  TailBytes out;
+  if (!hasTails()) return out;
+  auto chunks = impl_->tailsDirectory();
+  if (!chunks) return chunks.error();
+  out.all = impl_->header.tails_bytes;
+  if (impl_->header.coded_tails) out.heights = 0;
+  for (const TailsChunk& chunk : *chunks) {
+    out.all += chunk.size;
+    std::array<uint8_t, kTailCodeHeadBytes> head;
+    if (!out.heights) continue;
+    if (auto read = readBytes(chunk.offset, head); !read) return read.error();
+    *out.heights += std::min<uint64_t>(tailCodeHeightBytes(head), chunk.size);
+  }
   return out;
 }
 

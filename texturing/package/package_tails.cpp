@@ -2,10 +2,13 @@
 
 #include <zstd.h>
 
+#include "texturing/codec/tail_code.h"
 #include "texturing/package/package_layout.h"
 
 namespace relievo {
 namespace {
+
+static_assert(kTailCodeCellsLog2 == kTailCellsLog2 && kTailCodeTexels == kTailTexels);
 
 // Calls f(value, the one before it: to the left, or above at a row's beginning, or 0) over a square, in an order in
 // which the one before comes first.
@@ -83,7 +86,15 @@ Result<std::vector<TailsChunk>> decodeTailsDirectory(std::span<const uint8_t> by
   return out;
 }
 
-std::vector<uint8_t> encodeTailsChunk(const PatchTails& tails, uint32_t first, uint32_t count, int zstd_level) {
+std::vector<uint8_t> encodeTailsChunk(const PatchTails& tails, uint32_t first, uint32_t count, TailsStorage storage,
+                                      int zstd_level) {
+  if (storage == TailsStorage::kCoded) {
+    std::vector<uint8_t> out;
+    encodeTailCode(std::span(tails.heights).subspan(first * kTailHeights, count * kTailHeights),
+                   std::span(tails.texels).subspan(first * tails.patchTexels(), count * tails.patchTexels()),
+                   tails.channels, out);
+    return out;
+  }
   std::vector<uint8_t> raw(count * (2 * kTailHeights + tails.patchTexels()));
   uint8_t *low = raw.data(), *high = low + count * kTailHeights, *texel = high + count * kTailHeights;
   // Only read.
@@ -102,7 +113,17 @@ std::vector<uint8_t> encodeTailsChunk(const PatchTails& tails, uint32_t first, u
   return out;
 }
 
-Result<void> decodeTailsChunk(std::span<const uint8_t> bytes, uint32_t first, uint32_t count, PatchTails& tails) {
+Result<void> decodeTailsChunk(std::span<const uint8_t> bytes, uint32_t first, uint32_t count, TailsStorage storage,
+                              PatchTails& tails) {
+  if (storage == TailsStorage::kCoded) {
+    if (decodeTailCode(bytes, tails.channels,
+                       std::span(tails.heights).subspan(first * kTailHeights, count * kTailHeights),
+                       std::span(tails.texels).subspan(first * tails.patchTexels(), count * tails.patchTexels())))
+      return {};
+    return Error{ErrorKind::kInvalidData, "",
+                 "expected the codes of " + std::to_string(count) + " patches, found other bytes",
+                 "rebuild the package, or get a whole copy", 0};
+  }
   std::vector<uint8_t> raw(count * (2 * kTailHeights + tails.patchTexels()));
   const size_t size = ZSTD_decompress(raw.data(), raw.size(), bytes.data(), bytes.size());
   if (ZSTD_isError(size) || size != raw.size()) {

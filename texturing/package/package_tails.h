@@ -28,9 +28,14 @@ std::vector<uint8_t> encodeTailsDirectory(uint32_t patches, int channels, std::s
 // empty.
 Result<std::vector<TailsChunk>> decodeTailsDirectory(std::span<const uint8_t> bytes, uint32_t patches, int channels);
 
-// Of patches first .. first + count of `tails`.
-std::vector<uint8_t> encodeTailsChunk(const PatchTails& tails, uint32_t first, uint32_t count, int zstd_level);
+// How chunks are stored: differences in a zstd frame up to version 5, texturing/codec/tail_code.h from version 6 on.
+enum class TailsStorage : uint8_t { kZstd, kCoded };
+
+// Of patches first .. first + count of `tails`. zstd_level: of kZstd alone.
+std::vector<uint8_t> encodeTailsChunk(const PatchTails& tails, uint32_t first, uint32_t count, TailsStorage storage,
+                                      int zstd_level);
 // Safe for untrusted bytes: they decode to what that many patches take, or not at all.
-Result<void> decodeTailsChunk(std::span<const uint8_t> bytes, uint32_t first, uint32_t count, PatchTails& tails);
+Result<void> decodeTailsChunk(std::span<const uint8_t> bytes, uint32_t first, uint32_t count, TailsStorage storage,
+                              PatchTails& tails);
 
 }  // namespace relievo

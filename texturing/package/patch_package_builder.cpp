@@ -738,7 +738,8 @@ Result<void> writeTails(const Context& c, const BuildOptions& options, PackageWr
       std::memcpy(tails.heightsOf(i).data(), bytes.data(), 2 * kTailHeights);
       std::copy(bytes.begin() + 2 * kTailHeights, bytes.end(), tails.texelsOf(i).begin());
     }
-    if (auto written = writer.appendTails(encodeTailsChunk(tails, 0, count, options.zstd_level)); !written)
+    const auto storage = c.header.coded_tails ? TailsStorage::kCoded : TailsStorage::kZstd;
+    if (auto written = writer.appendTails(encodeTailsChunk(tails, 0, count, storage, options.zstd_level)); !written)
       return written;
   }
   return {};
@@ -824,6 +825,7 @@ Result<PackageHeader> planHeader(const PatchSource& source, const BuildOptions& 
   header.encodings = planeEncodings(header.texture, options.coefficients, options.colour);
   header.relief_detail = header.relief_shapes = true;
   header.compact = options.compact;
+  header.coded_tails = options.compact && options.coded_tails;
   header.page_count = packageLayout(header.domain, header.texture, 0, 0).page_count;
   header.base_bytes = baseSectionBytes(source.base().corners.size(), header.domain.patchCount());
   return header;

@@ -1,0 +1,28 @@
+// tail_code.h - tails of patches (texturing/package/patch_tails.h) in few bytes, without loss, some hundred patches at
+// a time: heights as relief pages have them (relief_levels.h), texels predicted from their neighbours, coarser levels
+// from the finest, and what they differ by range coded; models learn from patch to patch (texturing/PACKAGE.md, "Coded
+// tails"). Of scans a third of what differences and zstd take. Safe for untrusted bytes.
+#pragma once
+
+#include <cstddef>
+#include <cstdint>
+#include <span>
+#include <vector>
+
+namespace relievo {
+
+inline constexpr int kTailCodeCellsLog2 = 4;  // of the heights' grid
+inline constexpr int kTailCodeTexels = 16;    // a side of the finest level
+
+// heights: 17 x 17 a patch. texels: 340 a channel a patch, patch by patch, in it level by level (16, 8, 4 and 2 texels
+// a side), in it channel by channel; channels: a multiple of 3. Appends to out.
+void encodeTailCode(std::span<const uint16_t> heights, std::span<const uint8_t> texels, int channels,
+                    std::vector<uint8_t>& out);
+// False: the bytes are no such tails of so many patches. heights and texels are then of any content.
+bool decodeTailCode(std::span<const uint8_t> bytes, int channels, std::span<uint16_t> heights,
+                    std::span<uint8_t> texels);
+// How many of sound tails' bytes the heights take, by the first kTailCodeHeadBytes of them.
+inline constexpr size_t kTailCodeHeadBytes = 4;
+uint64_t tailCodeHeightBytes(std::span<const uint8_t> bytes);
+
+}  // namespace relievo
