@@ -87,6 +87,21 @@ Tails smooth(size_t patches, bool painted, int step = 1) {
   return t;
 }
 
+// Level 0 has what no line shows and the mean of four neighbours does, so that nothing of it is left to be coded; finer
+// levels are as the lattice says.
+void makeSaddle(Tails& t, size_t patch) {
+  uint16_t* h = t.heights.data() + patch * kTailHeights;
+  auto at = [&](int x, int y) -> uint16_t& { return h[17 * y + x]; };
+  for (int k = 0; k < 4; ++k) at(k % 2 * 16, k / 2 * 16) = k == 0 || k == 3 ? 3000 : 3800;
+  for (int step = 16; step > 1; step /= 2)
+    for (int y = 0; y < 17; y += step / 2)
+      for (int x = 0; x < 17; x += step / 2) {
+        const int dx = x % step, dy = y % step;
+        if (dx || dy) at(x, y) = static_cast<uint16_t>(midHeight(at(x - dx, y - dy), at(x + dx, y + dy)));
+        if (step == 16 && dx && dy) at(x, y) = 3400;
+      }
+}
+
 std::vector<uint8_t> encoded(const Tails& t) {
   std::vector<uint8_t> out;
   encodeTailCode(t.heights, t.texels, t.channels, out);
@@ -104,7 +119,10 @@ std::vector<Contents> contents() {
   Tails changing = empty(9, 6);  // patches of one colour, of which some have another one
   for (size_t i = 0; i < changing.texels.size(); ++i)
     changing.texels[i] = static_cast<uint8_t>(i / (kTailPatchTexels * 6) / 3 * 100);
-  return {{"noise", noise(5, 6)},
+  Tails saddles = smooth(9, false);
+  for (size_t p = 0; p < 9; p += 2) makeSaddle(saddles, p);
+  return {{"saddles", saddles},
+          {"noise", noise(5, 6)},
           {"one patch of a PTM", noise(1, 9)},
           {"zeros", empty(3, 6)},
           {"extremes", extremes},
