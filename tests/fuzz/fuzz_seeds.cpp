@@ -1,6 +1,7 @@
 // fuzz_seeds FOLDER: writes the inputs that fuzzing begins with, FOLDER/TARGET/NAME, by the writers of the project and
 // of its tests. Nothing binary is kept in the repository, and formats that change bring their seeds along.
 #include <OpenImageIO/imageio.h>
+#include <array>
 
 #include <cstring>
 #include <filesystem>
@@ -147,6 +148,12 @@ void pages() {
     raw += std::string(kind ? 2 * kReliefPageSamples : 2 * size_t{kPageFullPx} * kPageFullPx + 1, '\0');
     put("page", kind ? "raw relief" : "raw texture", raw);
   }
+  std::vector<uint8_t> smooth(kTexturePageBytes);
+  for (size_t i = 0; i < smooth.size(); ++i)
+    smooth[i] = static_cast<uint8_t>(i % kPageFullPx / 2 + i / kPageFullPx % 100);
+  constexpr ChannelTolerance kTolerance{8, 4};
+  put("page", "texture in fewer texels",
+      asText(0, encoder.encodeTextureWithin(smooth, std::array{kTolerance, kTolerance, kTolerance})));
   std::vector<uint16_t> heights(kReliefPageSamples);
   for (size_t i = 0; i < heights.size(); ++i)
     heights[i] = static_cast<uint16_t>(3 * (i % kReliefSamples) + 5 * (i / kReliefSamples));

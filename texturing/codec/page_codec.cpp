@@ -3,6 +3,7 @@
 //   kQuantisedRaw, kQuantisedZstd  the bits, then the same, of levels instead of values
 //   kJpegFile                      a JPEG
 //   kBlocksRaw, kBlocksZstd        the PageCodec, then blocks of 4 x 4 texels
+//   kCoarseRaw, kCoarseZstd        the factor, then as kRaw and kZstd, of so many times fewer texels a side
 // Texture stream: kPageFullPx^2 residual bytes, or for kConstant the one value. residual = value - prediction (mod
 // 256). Relief stream: residual = value - prediction (mod 2^16), folded (r << 1) ^ (r >> 15, arithmetic) so that small
 // residuals of either sign have a zero high byte; all low bytes, then all high bytes. For kConstant the value's low and
@@ -19,6 +20,7 @@
 #include <cstdlib>
 #include <cstring>
 #include <memory>
+#include <type_traits>
 
 #if defined(__SSE2__)
 #include <emmintrin.h>
@@ -50,13 +52,17 @@ enum Packing : uint8_t {
   kJpegFile = 4,
   kBlocksRaw = 6,
   kBlocksZstd = 7,
-  kHierarchical = 8  // relief_code.h
+  kHierarchical = 8,  // relief_code.h
+  kCoarseRaw = 10,    // coarse_page.h
+  kCoarseZstd = 11
 };
+
+constexpr bool isCoarse(uint8_t packing) { return packing == kCoarseRaw || packing == kCoarseZstd; }
 
 constexpr int kSide = kPageFullPx;
 constexpr size_t kChannelBytes = size_t{kSide} * kSide;
 constexpr size_t kTextureHeadBytes = 4, kQuantisedHeadBytes = 5, kJpegHeadBytes = 1, kBlocksHeadBytes = 2,
-                 kReliefHeadBytes = 2;
+                 kReliefHeadBytes = 2, kCoarseHeadBytes = 5;
 constexpr size_t kReliefBytes = kReliefPageSamples * 2;
 
 // The row above, smoothed: (1 2 1) / 4 with the ends repeated. Averages noise away and needs nothing of the row itself.
@@ -260,7 +266,7 @@ struct PageEncoder::Impl {
   std::array<uint8_t, std::max(kTexturePageBytes, kReliefBytes)> streams;
   std::array<uint8_t, kTexturePageBytes> levels;
   std::array<uint8_t, kSlotBytes> texels;
-  std::vector<uint8_t> out, hierarchical;
+  std::vector<uint8_t> out, hierarchical, lossless;
   JpegPageEncoder jpeg;
   ReliefCodeScratch relief;
 
@@ -278,22 +284,34 @@ struct PageEncoder::Impl {
     return {out.data(), head_bytes + packed};
   }
 
-  // Predictors and residual streams of three channels; the predictors' numbers end the head.
+  // Predictors and residual streams of three channels of kWidth^2; the predictors' numbers end the head.
+  template <int kWidth = kSide>
   std::span<const uint8_t> encodeChannels(Packing raw, size_t head_bytes, const uint8_t* channels) {
-    static constexpr uint8_t kZeros[kSide] = {};
+    static constexpr uint8_t kZeros[kWidth] = {};
     uint8_t* stream = streams.data();
     for (int c = 0; c < 3; ++c) {
-      const uint8_t* data = channels + c * kChannelBytes;
-      Predictor p = choosePredictor<uint8_t, kSide>(data, kSide);
+      const uint8_t* data = channels + c * kWidth * kWidth;
+      Predictor p = choosePredictor<uint8_t, kWidth>(data, kWidth);
       out[head_bytes - 3 + c] = p;
       if (p == kConstant) {
         *stream++ = data[0];
         continue;
       }
-      for (int y = 0; y < kSide; ++y, stream += kSide)
-        predictRow<uint8_t, kSide>(p, data + y * kSide, y == 0 ? kZeros : data + (y - 1) * kSide, stream);
+      for (int y = 0; y < kWidth; ++y, stream += kWidth)
+        predictRow<uint8_t, kWidth>(p, data + y * kWidth, y == 0 ? kZeros : data + (y - 1) * kWidth, stream);
     }
     return pack(raw, head_bytes, stream - streams.data());
+  }
+
+  // Empty: fewer texels do not show the page.
+  template <int kFactor>
+  std::span<const uint8_t> encodeCoarse(std::span<const uint8_t> channels,
+                                        std::span<const ChannelTolerance> tolerances) {
+    constexpr int kWidth = coarseSide(kFactor);
+    const std::span coarse(levels.data(), size_t{3} * kWidth * kWidth);
+    if (!reducePage(channels, kFactor, tolerances, coarse)) return {};
+    out[1] = kFactor;
+    return encodeChannels<kWidth>(kCoarseRaw, kCoarseHeadBytes, coarse.data());
   }
 
   std::span<const uint8_t> encodeQuantised(const uint8_t* channels, int bits) {
@@ -357,6 +375,19 @@ std::span<const uint8_t> PageEncoder::encodeTexture(std::span<const uint8_t> cha
   return impl_->encodeChannels(kRaw, kTextureHeadBytes, channels.data());
 }
 
+std::span<const uint8_t> PageEncoder::encodeTextureWithin(std::span<const uint8_t> channels,
+                                                          std::span<const ChannelTolerance> tolerances) {
+  constexpr size_t kSmall = 256;  // bytes: not worth the search
+  const auto lossless = encodeTexture(channels);
+  if (lossless.size() <= kSmall) return lossless;
+  std::vector<uint8_t>& kept = impl_->lossless;
+  kept.assign(lossless.begin(), lossless.end());
+  static_assert(kCoarseFactors == std::array{4, 2});
+  auto coarse = impl_->encodeCoarse<4>(channels, tolerances);
+  if (coarse.empty()) coarse = impl_->encodeCoarse<2>(channels, tolerances);
+  return coarse.empty() || coarse.size() >= kept.size() ? kept : coarse;
+}
+
 std::span<const uint8_t> PageEncoder::encodeRelief(std::span<const uint16_t> samples, ReliefEncoding encoding) {
   assert(samples.size() == kReliefPageSamples);
   if (encoding == ReliefEncoding::kHierarchical) {
@@ -410,8 +441,10 @@ struct PageDecoder::Impl {
     if (n != out.size()) return damaged("an encoded page decompresses to the wrong size");
     return {};
   }
+  template <int kWidth = kSide>
   Result<void> decodeChannels(bool zstd, std::span<const uint8_t> predictors, std::span<const uint8_t> packed,
                               uint8_t* out_channels);
+  Result<void> decodeCoarse(std::span<const uint8_t> encoded, std::span<uint8_t> out_channels);
   Result<void> decodeBlocks(std::span<const uint8_t> encoded, uint8_t* out_texels);
 };
 
@@ -422,15 +455,17 @@ PageDecoder::~PageDecoder() {
   delete impl_;
 }
 
+template <int kWidth>
 Result<void> PageDecoder::Impl::decodeChannels(bool zstd, std::span<const uint8_t> predictors,
                                                std::span<const uint8_t> packed, uint8_t* out_channels) {
+  constexpr size_t kBytes = size_t{kWidth} * kWidth;
   size_t stream_bytes = 0;
   bool any_constant = false;
   for (int c = 0; c < 3; ++c) {
     if (predictors[c] >= kPredictorCount) return damaged("an encoded page names an unknown predictor");
     bool constant = predictors[c] == kConstant;
     any_constant |= constant;
-    stream_bytes += constant ? 1 : kChannelBytes;
+    stream_bytes += constant ? 1 : kBytes;
   }
   // Without constant channels the streams have the channels' places: no copy.
   std::span<uint8_t> out(any_constant ? streams.data() : out_channels, stream_bytes);
@@ -438,16 +473,34 @@ Result<void> PageDecoder::Impl::decodeChannels(bool zstd, std::span<const uint8_
   const uint8_t* stream = out.data();
   for (int c = 0; c < 3; ++c) {
     Predictor p = static_cast<Predictor>(predictors[c]);
-    uint8_t* channel = out_channels + c * kChannelBytes;
+    uint8_t* channel = out_channels + c * kBytes;
     if (p == kConstant) {
-      std::memset(channel, *stream++, kChannelBytes);
+      std::memset(channel, *stream++, kBytes);
       continue;
     }
-    if (any_constant) std::memcpy(channel, stream, kChannelBytes);
-    stream += kChannelBytes;
-    unpredict<uint8_t, kSide>(p, channel, kSide);
+    if (any_constant) std::memcpy(channel, stream, kBytes);
+    stream += kBytes;
+    unpredict<uint8_t, kWidth>(p, channel, kWidth);
   }
   return {};
+}
+
+Result<void> PageDecoder::Impl::decodeCoarse(std::span<const uint8_t> encoded, std::span<uint8_t> out_channels) {
+  if (encoded.size() < kCoarseHeadBytes) return damaged("an encoded page is too short");
+  const int factor = encoded[1];
+  if (std::find(kCoarseFactors.begin(), kCoarseFactors.end(), factor) == kCoarseFactors.end())
+    return damaged("an encoded page has an unknown number of texels");
+  auto decode = [&]<int kFactor>(std::integral_constant<int, kFactor>) -> Result<void> {
+    constexpr int kWidth = coarseSide(kFactor);
+    const std::span coarse(texels.data(), size_t{3} * kWidth * kWidth);
+    if (auto decoded = decodeChannels<kWidth>(encoded[0] == kCoarseZstd, encoded.subspan(2, 3),
+                                              encoded.subspan(kCoarseHeadBytes), coarse.data());
+        !decoded)
+      return decoded;
+    enlargePage(coarse, kFactor, out_channels);
+    return {};
+  };
+  return factor == 2 ? decode(std::integral_constant<int, 2>()) : decode(std::integral_constant<int, 4>());
 }
 
 Result<void> PageDecoder::Impl::decodeBlocks(std::span<const uint8_t> encoded, uint8_t* out_texels) {
@@ -466,6 +519,7 @@ Result<void> PageDecoder::decodeTexture(std::span<const uint8_t> encoded, std::s
   assert(channels.size() == kTexturePageBytes);
   if (encoded.empty()) return damaged("an encoded page is empty");
   const uint8_t packing = encoded[0];
+  if (isCoarse(packing)) return impl_->decodeCoarse(encoded, channels);
   const bool quantised = packing == kQuantisedRaw || packing == kQuantisedZstd;
   if (packing > kQuantisedZstd) {  // those decode to texels
     if (auto decoded = decodeToSlot(Plane::kTexture0, encoded, impl_->texels); !decoded) return decoded;
@@ -527,7 +581,8 @@ Result<void> PageDecoder::decodeToSlot(Plane plane, std::span<const uint8_t> enc
     if (encoded.empty()) return damaged("an encoded page is empty");
     if (encoded[0] == kJpegFile) return impl_->jpeg.decode(encoded.subspan(kJpegHeadBytes), texels.data());
     if (encoded[0] == kBlocksRaw || encoded[0] == kBlocksZstd) return impl_->decodeBlocks(encoded, texels.data());
-    if (encoded[0] > kQuantisedZstd) return damaged("an encoded page is packed in an unknown way");
+    if (encoded[0] > kQuantisedZstd && !isCoarse(encoded[0]))
+      return damaged("an encoded page is packed in an unknown way");
     if (auto decoded = decodeTexture(encoded, impl_->channels); !decoded) return decoded;
     interleave(impl_->channels.data(), texels.data());
     return {};

@@ -16,6 +16,7 @@
 
 #include "src/artwork/patch_domain.h"
 #include "src/base/result.h"
+#include "texturing/codec/coarse_page.h"
 #include "texturing/codec/page_encoding.h"
 #include "texturing/codec/page_id.h"
 
@@ -40,6 +41,9 @@ class PageEncoder {
   // Valid until the next call. A page whose JPEG would be larger than its channels is stored losslessly.
   std::span<const uint8_t> encodeTexture(std::span<const uint8_t> channels /* kTexturePageBytes */,
                                          PageEncoding encoding = {});
+  // Losslessly, or in fewer texels where these take fewer bytes and show the page within the tolerances.
+  std::span<const uint8_t> encodeTextureWithin(std::span<const uint8_t> channels /* kTexturePageBytes */,
+                                               std::span<const ChannelTolerance> tolerances /* 3 */);
   std::span<const uint8_t> encodeRelief(std::span<const uint16_t> samples /* kReliefPageSamples */,
                                         ReliefEncoding encoding = ReliefEncoding::kRows);
 

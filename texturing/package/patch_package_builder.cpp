@@ -443,7 +443,8 @@ class TexelKeeper {
 // ---- the pass over relief ----
 class ReliefWriter {
  public:
-  ReliefWriter(Context& context, int zstd_level) : c_(context), encoder_(zstd_level), relief_(context) {}
+  ReliefWriter(Context& context, const BuildOptions& options)
+      : c_(context), encoder_(options.zstd_level), relief_(context) {}
 
   BuildPart run(uint32_t patch) {
     BuildPart out;
@@ -642,7 +643,12 @@ class DepthFinder {
 
 class TextureWriter {
  public:
-  TextureWriter(const Context& context, int zstd_level) : c_(context), encoder_(zstd_level), reader_(context) {}
+  TextureWriter(const Context& context, const BuildOptions& options)
+      : c_(context),
+        encoder_(options.zstd_level),
+        reader_(context),
+        tolerances_(channelTolerances(context.header.texture, options.texture_tolerance)),
+        coarse_pages_(context.header.coded_tails && options.texture_tolerance >= 0) {}
 
   BuildPart run(uint32_t patch) {
     BuildPart out;
@@ -656,6 +662,8 @@ class TextureWriter {
  private:
   void cut(uint32_t patch, int level, BuildPart& out) {
     const size_t stride = reader_.stride(), plane_texels = stride * stride;
+    const int depth = c_.header.domain.textureDepthOf(patch);
+    const int stands_for_finer = depth < c_.store.depth ? depth : -1;
     for (uint32_t y = 0; y < 1u << level; ++y) {
       for (uint32_t x = 0; x < 1u << level; ++x) {
         const auto at = c_.layout.texture.find({patch, static_cast<uint32_t>(level), x, y});
@@ -667,15 +675,25 @@ class TextureWriter {
               std::memcpy(to, from, kPageFullPx);
           }
           out.place({.index_offset = at.block_offset + at.node_offset + plane * kTextureEntryBytes},
-                    encoder_.encodeTexture(page_, c_.header.encodings[plane]));
+                    encode(plane, level == stands_for_finer));
         }
       }
     }
   }
 
+  // A level that stands for finer ones has used the tolerance for that.
+  std::span<const uint8_t> encode(size_t plane, bool exactly) {
+    const PageEncoding encoding = c_.header.encodings[plane];
+    if (exactly || !coarse_pages_ || encoding.codec != PageCodec::kLossless)
+      return encoder_.encodeTexture(page_, encoding);
+    return encoder_.encodeTextureWithin(page_, std::span(tolerances_).subspan(3 * plane, 3));
+  }
+
   const Context& c_;
   PageEncoder encoder_;
   LevelReader reader_;
+  const std::vector<ChannelTolerance> tolerances_;  // by channel
+  const bool coarse_pages_;
   std::array<uint8_t, kTexturePageBytes> page_;
 };
 
@@ -878,7 +896,7 @@ Result<void> passOver(Context& context, const BuildOptions& options, int workers
         return true;
       },
       [&] {
-        auto worker = std::make_shared<PatchWorker>(context, options.zstd_level);
+        auto worker = std::make_shared<PatchWorker>(context, options);
         return [worker](const uint32_t& patch) { return worker->run(patch); };
       });
   return writeParts(runner, patches, writer, options, [&](const BuildPart* part) { reporter.report(part); });

@@ -9,6 +9,7 @@
 #include <vector>
 
 #include "src/artwork/basis.h"
+#include "texturing/codec/coarse_page.h"
 
 namespace relievo {
 
@@ -23,9 +24,6 @@ inline constexpr double kNormalTolerance = 4;
 // line.
 inline constexpr double kRmsTolerance = 0.5;
 
-struct ChannelTolerance {
-  double most = 0, rms = 0;  // steps of 8 bits
-};
 std::vector<ChannelTolerance> channelTolerances(const TextureFormat& format, double tolerance);
 
 // A patch's level with what lies around it, channel after channel, rows of v from 0.
