@@ -242,10 +242,11 @@ Result<void> plan(PlanOptions& o) {
   if (!whole) return whole.error();
   plan.whole = std::move(*whole);
   if (scene->shading.isOn()) plan.shading = shadingText(scene->shading, manifest);
+  const glm::dvec3 middle = placeInWorld(scene->pose, artworkMiddle(manifest));
   if (plan.whole.plan.lights > 0)
     for (const SceneLight& light : shadedLights(scene->lights)) {
       const char* shadows = !plan.whole.plan.shadows ? "" : light.near ? ", no shadows" : ", shadows";
-      plan.lights.push_back(lightText(light, artworkMiddle(manifest)) + shadows);
+      plan.lights.push_back(lightText(light, middle) + shadows);
     }
   for (ScenePart& part : partsOf(*scene, manifest)) {
     auto without = planScene(part.without, *artwork->package);
@@ -255,7 +256,8 @@ Result<void> plan(PlanOptions& o) {
   const std::pair<int, int> px{static_cast<int>(size->first), static_cast<int>(size->second)};
   noteShares(plan, manifest.domain.isFlat(), px);
   if (o.measure) {
-    auto camera = o.scene.camera(artworkExtent(manifest, scene->relief ? scene->exaggerate : 0), px.first, px.second);
+    const PlacedExtent placed = placedExtent(*scene, manifest);
+    auto camera = o.scene.camera(std::span(&placed, 1), px.first, px.second);
     if (!camera) return camera.error();
     if (auto done = measure(plan, artwork->package, *camera, px, o.scene.engineOptions()); !done) return done;
   }

@@ -75,14 +75,14 @@ struct Sight {
   int width = 0, height = 0;
   OrbitCamera camera;
 };
-Result<Sight> sightOf(const RenderOptions& o, const Extent& extent, std::pair<int64_t, int64_t> size) {
+Result<Sight> sightOf(const RenderOptions& o, std::span<const PlacedExtent> placed, std::pair<int64_t, int64_t> size) {
   Sight sight{static_cast<int>(size.first), static_cast<int>(size.second), {}};
   if (o.scene.mm_per_px && o.size.empty()) {
-    auto all = o.scene.sizeAtScale(extent, extent, static_cast<int>(kMaxSidePx));
+    auto all = o.scene.sizeAtScale(placed, static_cast<int>(kMaxSidePx));
     if (!all) return all.error();
     std::tie(sight.width, sight.height) = *all;
   }
-  auto camera = o.scene.cameraAt(extent, sight.width, sight.height, o.time_s.value_or(0));
+  auto camera = o.scene.cameraAt(placed, sight.width, sight.height, o.time_s.value_or(0));
   if (!camera) return camera.error();
   sight.camera = *camera;
   return sight;
@@ -175,7 +175,7 @@ struct Work {
   const RenderOptions& o;
   const OpenedArtwork& artwork;
   const Scene& scene;
-  const Extent& extent;
+  std::span<const PlacedExtent> placed;
   const Sight& sight;
   const std::array<double, 3>& background;
 };
@@ -188,7 +188,7 @@ Result<std::unique_ptr<Engine>> engineFor(const Work& w) {
 
 // Camera and lights at a time.
 Result<void> setMoment(const Work& w, Engine& e, double time_s) {
-  auto camera = w.o.scene.cameraAt(w.extent, w.sight.width, w.sight.height, time_s);
+  auto camera = w.o.scene.cameraAt(w.placed, w.sight.width, w.sight.height, time_s);
   if (!camera) return camera.error();
   e.setCamera(*camera);
   if (!w.o.scene.animation.isOn()) return {};
@@ -218,7 +218,7 @@ Result<void> checkDamage(const Work& w, const Engine& e) {
 Result<void> writePicture(const Work& w, const std::string& path, const OrbitCamera& camera,
                           std::span<const uint8_t> rgb) {
   return writeImage(path, w.sight.width, w.sight.height, 3, rgb,
-                    camera.orthographic && w.extent.size_known ? mmPerPx(camera, w.sight.height) : 0);
+                    camera.orthographic && worldExtent(w.placed).size_known ? mmPerPx(camera, w.sight.height) : 0);
 }
 
 // Of what the scene asks for and this artwork has no use for.
@@ -279,8 +279,8 @@ Result<void> render(RenderOptions& o) {
   if (!scene) return scene.error();
   auto artwork = openApart(o);
   if (!artwork) return artwork.error();
-  const Extent extent = artworkExtent(artwork->package->manifest(), scene->relief ? scene->exaggerate : 0);
-  auto sight = sightOf(o, extent, *size);
+  const std::vector<PlacedExtent> placed{placedExtent(*scene, artwork->package->manifest())};
+  auto sight = sightOf(o, placed, *size);
   if (!sight) return sight.error();
   const OrbitCamera& camera = sight->camera;
 
@@ -288,7 +288,7 @@ Result<void> render(RenderOptions& o) {
   if (!context) return context.error();
   heap.finish((*context)->info().software);
   double context_s = steadyNow() - start;
-  const Work work{o, *artwork, *scene, extent, *sight, *background};
+  const Work work{o, *artwork, *scene, placed, *sight, *background};
   if (o.numbered) return renderSequence(work);
   auto engine = engineFor(work);
   if (!engine) return engine.error();

@@ -101,8 +101,8 @@ Result<void> view(ViewOptions& o) {
                          : o.exact_still == "off" ? ExactStill::kOff
                                                   : ExactStill::kAuto;
   o.viewer.engine = o.scene.engineOptions();
-  o.viewer.camera = [&](const Extent& extent, int width_px, int height_px) {
-    return o.scene.cameraAt(extent, width_px, height_px, 0);
+  o.viewer.camera = [&](std::span<const PlacedExtent> placed, int width_px, int height_px) {
+    return o.scene.cameraAt(placed, width_px, height_px, 0);
   };
   o.viewer.scene_text = [&](const OrbitCamera& camera, const Scene& shown, int width_px, int height_px) {
     return snapshotScene(o, camera, shown, width_px, height_px);

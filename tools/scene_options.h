@@ -2,6 +2,7 @@
 #pragma once
 
 #include <optional>
+#include <span>
 #include <string>
 #include <utility>
 
@@ -37,6 +38,7 @@ struct SceneOptions {
   bool prefetch = true;
   ReliefShading scene_shading;           // of the scene's file, where --shading does not say otherwise
   std::vector<SceneLight> scene_lights;  // of the scene's file, where neither --light nor --lights says otherwise
+  Pose scene_pose;                       // of the scene's file
   SceneAnimation animation;              // of the scene's file, but for what options of the command line hold still
   std::vector<EffectSetting> effects;    // all that have parameters, on or off
 
@@ -51,12 +53,13 @@ struct SceneOptions {
   // These options as a scene, but for the camera and the light. artwork: as the file is to name it.
   SceneFile sceneFile(const std::string& artwork) const;
   Result<Scene> scene() const;
-  Result<OrbitCamera> camera(const Extent& extent, int width_px, int height_px) const;
+  // placed: what the camera is to show; not empty.
+  Result<OrbitCamera> camera(std::span<const PlacedExtent> placed, int width_px, int height_px) const;
   // The same at a time of the animation. Where neither options nor the scene say how far the eye is, it is so far that
   // all stays in view all the time.
-  Result<OrbitCamera> cameraAt(const Extent& extent, int width_px, int height_px, double time_s) const;
-  // The picture of that camera that holds the `whole` at mm_per_px, which is given; at most max_side_px wide and high.
-  Result<std::pair<int, int>> sizeAtScale(const Extent& extent, const Extent& whole, int max_side_px) const;
+  Result<OrbitCamera> cameraAt(std::span<const PlacedExtent> placed, int width_px, int height_px, double time_s) const;
+  // The picture of that camera that holds all of it at mm_per_px, which is given; at most max_side_px wide and high.
+  Result<std::pair<int, int>> sizeAtScale(std::span<const PlacedExtent> placed, int max_side_px) const;
   EngineOptions engineOptions() const;
 
  private:

@@ -104,7 +104,10 @@ struct Engine::Impl {
     if (!extent || extent->first != exaggerate) extent = {exaggerate, artworkExtent(artwork.manifest, exaggerate)};
     return extent->second;
   }
-  ViewTransform viewOf(const OrbitCamera& of) const { return viewTransform(of, drawnExtent(), width, height); }
+  // In the artwork's space, as all that follows from it.
+  ViewTransform viewOf(const OrbitCamera& of) const {
+    return viewTransform(of, PlacedExtent{drawnExtent(), scene.pose}, width, height);
+  }
 
   ShadingPrograms::Variant programVariant() const {
     gl::Defines defines = plan.defines();
@@ -147,7 +150,7 @@ struct Engine::Impl {
         forgetPlanes();
         scene = *std::exchange(pending_scene, std::nullopt);
         plan = wanted;
-        if (const auto light = singleLight(scene); plan.resolve && light != planes->startedLight())
+        if (const auto light = fixedLight(scene); plan.resolve && light != planes->startedLight())
           planes->setLight(plan, light);
         return linkPrograms();
       }
@@ -595,7 +598,8 @@ Result<std::unique_ptr<Engine>> Engine::create(Artwork artwork, const Scene& sce
     }
   }
   if (auto opened = planes.open(impl->plan); !opened) return opened.error();
-  impl->camera = fitCamera(artworkExtent(manifest), impl->width, impl->height);
+  const PlacedExtent placed{artworkExtent(manifest), scene.pose};
+  impl->camera = fitCamera(std::span(&placed, 1), impl->width, impl->height);
   impl->patches = std::make_unique<PatchPass>(impl->context.software);
   const DepthMode depth = depthMode(options.reversed_depth);
   impl->stats.reversed_depth = depth.reversed;
@@ -636,7 +640,7 @@ Result<void> Engine::setScene(const Scene& scene) {
     return Error{ErrorKind::kUsage, "", problem, "", {}};
   if (scene != e.scene) e.sampled.reset();
   EffectPlan before = e.plan;
-  auto light_before = singleLight(e.scene);
+  auto light_before = fixedLight(e.scene);
   Scene now = scene;
   e.pending_scene.reset();
   if (!planEffects(scene, e.artwork.manifest).samePages(before)) {
@@ -653,7 +657,7 @@ Result<void> Engine::setScene(const Scene& scene) {
   e.scene = now;
   e.plan = planEffects(now, e.artwork.manifest);
   assert(e.plan.samePages(before));
-  if (auto light = singleLight(now); e.plan.resolve && light != light_before) {
+  if (auto light = fixedLight(now); e.plan.resolve && light != light_before) {
     e.planes->setLight(e.plan, light);
   }
   if (e.plan != before) {
@@ -791,8 +795,8 @@ std::optional<glm::dvec3> Engine::surfacePoint(double x_px, double y_px) {
   const glm::dvec4 clip((x + 0.5) / shown.width * 2 - 1, (y + 0.5) / shown.height * 2 - 1, *z, 1);
   const glm::dvec4 world = glm::inverse(shown.clip_from_world) * clip;
   const glm::dvec3 place = glm::dvec3(world) / world.w;
-  return std::isfinite(place.x) && std::isfinite(place.y) && std::isfinite(place.z) ? std::optional(place)
-                                                                                    : std::nullopt;
+  if (!std::isfinite(place.x) || !std::isfinite(place.y) || !std::isfinite(place.z)) return std::nullopt;
+  return placeInWorld(e.scene.pose, place);
 }
 
 EngineStats Engine::stats() const {

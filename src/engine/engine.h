@@ -6,6 +6,9 @@
 // A frame: take the finished feedback; hand over requests; place decoded pages and upload them within the budget; take
 // the newest LOD answer and post the camera to the LOD worker; draw the surface if it changed; issue the next feedback;
 // shade the surface, unless the picture is the average of several samples and still shows the same.
+//
+// Camera, lights and surfacePoint() are in the world; everything else of the engine is in the artwork's own space
+// (src/render/pose.h), which is the world where Scene::pose is off.
 #pragma once
 
 #include <atomic>
@@ -106,7 +109,7 @@ class Engine {
   // Copies the picture to the framebuffer that the window shows (0); dark grey beside the artwork.
   void present(int window_width_px, int window_height_px);
   // The place on the surface that a pixel (origin top left) of the last picture shows, of several samples the last one;
-  // nothing over the background. Waits for that picture.
+  // nothing over the background. In the world, mm. Waits for that picture.
   std::optional<glm::dvec3> surfacePoint(double x_px, double y_px);
   EngineStats stats() const;
   std::vector<std::string> takeMessages();
@@ -117,7 +120,8 @@ class Engine {
   // The list being drawn; for the reference renderer in tests.
   const std::vector<PatchInstance>& instances() const;
   const std::vector<NodeRequest>& textureRequests() const;  // the newest request list
-  // The one the last picture was drawn with, through the pixels' centres: mostly a frame behind setCamera.
+  // The one the last picture was drawn with, through the pixels' centres and in the artwork's space: mostly a frame
+  // behind setCamera.
   ViewTransform view() const;
   // Vertices of the drawn list by transform feedback, 4 floats each (clip position), instance by instance; for the
   // watertight test.

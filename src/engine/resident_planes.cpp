@@ -122,7 +122,7 @@ void ResidentPlanes::start(const EffectPlan& plan, const Scene& scene) {
   if (plan.normals_exaggerate != 0) so.normals_of = ReliefSurface{domain.flat(), plan.normals_exaggerate};
   if (plan.madeOfRelief()) so.normals_of = shadedSurface(scene.shading, artwork_.manifest);
   starting_plan_ = plan;
-  starting_light_ = singleLight(scene);
+  starting_light_ = fixedLight(scene);
   so.light = starting_light_;
   std::vector<NodeId> roots;
   for (uint32_t p = 0; p < domain.patchCount() && !tails_; ++p) roots.push_back({p, 0, 0, 0});

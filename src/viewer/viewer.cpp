@@ -375,12 +375,14 @@ Result<void> runViewer(Artwork artwork, const ViewerOptions& options) {
   gl::Window& window = **made_window;
   heap.finish(gl::currentContextInfo().software);
   const double exaggerate = options.scene.relief ? options.scene.exaggerate : 0;
-  const Extent extent = artworkExtent(artwork.manifest, exaggerate);
+  const std::vector<PlacedExtent> placed{placedExtent(options.scene, artwork.manifest)};
   // What keeps the eye outside: at once for a flat artwork; over a base mesh on a thread of its own, some tenths of a
   // second, during which the window draws and moves already.
   GuardTask guard(
       "relievo-guard",
-      [artwork, exaggerate, workers = options.engine.workers] { return makeEyeGuard(artwork, exaggerate, workers); },
+      [artwork, exaggerate, placed = placed[0], workers = options.engine.workers] {
+        return placedGuard(makeEyeGuard(artwork, exaggerate, workers), placed);
+      },
       !artwork.manifest.domain.isFlat());
   Result<std::unique_ptr<Engine>> made_engine = Engine::create(std::move(artwork), options.scene, options.engine);
   if (!made_engine) return made_engine.error();
@@ -391,11 +393,11 @@ Result<void> runViewer(Artwork artwork, const ViewerOptions& options) {
   ViewControl::View start;
   start.light = options.scene.light;
   start.lights = options.scene.lights;
-  Result<OrbitCamera> camera = options.camera ? options.camera(extent, window.width(), window.height())
-                                              : fitCamera(extent, window.width(), window.height());
+  Result<OrbitCamera> camera = options.camera ? options.camera(placed, window.width(), window.height())
+                                              : fitCamera(placed, window.width(), window.height());
   if (!camera) return camera.error();
   start.camera = *camera;
-  ViewControl control(extent, start, window.width(), window.height(), {[&](double x, double y) {
+  ViewControl control(worldExtent(placed), start, window.width(), window.height(), {[&](double x, double y) {
                         // The picture may be smaller than its window.
                         return engine.surfacePoint(x * engine.width() / window.width(),
                                                    y * engine.height() / window.height());

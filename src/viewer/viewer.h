@@ -6,6 +6,7 @@
 #include <array>
 #include <cstdint>
 #include <functional>
+#include <span>
 #include <string>
 
 #include "src/base/result.h"
@@ -29,7 +30,7 @@ struct ViewerOptions {
   SceneAnimation animation;
   EngineOptions engine;
   // The view to start with, for the size that the window got: that of the animation's beginning.
-  std::function<Result<OrbitCamera>(const Extent&, int width_px, int height_px)> camera;
+  std::function<Result<OrbitCamera>(std::span<const PlacedExtent>, int width_px, int height_px)> camera;
   // Whether a camera that stands still is drawn with Scene::least_cell 0. kAuto: not with software OpenGL, where the
   // next motion would begin with a slow frame, nor where `frames` is set.
   enum class ExactStill { kAuto, kOn, kOff };

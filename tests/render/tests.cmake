@@ -63,6 +63,8 @@ relievo_gltest(filters_equal_dense_gltest LIBS relievo_engine relievo_dense_page
 relievo_gltest(multisampling_gltest LIBS relievo_engine relievo_dense_pages SOURCES render/multisampling_gltest.cpp)
 relievo_gltest(effects_gltest LIBS relievo_engine relievo_dense_pages SOURCES render/effects_gltest.cpp)
 relievo_gltest(lights_gltest LIBS relievo_engine relievo_dense_pages relievo_lod SOURCES render/lights_gltest.cpp)
+relievo_gltest(pose_gltest LIBS relievo_engine relievo_dense_pages relievo_lod SOURCES render/pose_gltest.cpp)
+relievo_test(pose_test LIBS relievo_engine relievo_scan SOURCES render/pose_test.cpp)
 relievo_gltest(relief_shading_gltest LIBS relievo_engine relievo_dense_pages relievo_lod SOURCES render/relief_shading_gltest.cpp)
 relievo_gltest(fixed_light_gltest LIBS relievo_engine relievo_dense_pages relievo_lod SOURCES render/fixed_light_gltest.cpp)
 relievo_gltest(lit_relief_gltest RUNS GL_ONLY LIBS relievo_viewer relievo_engine relievo_dense_pages SOURCES render/lit_relief_gltest.cpp)

@@ -70,6 +70,8 @@ TEST(SceneFiles, ComeBackAsTheyWereWritten) {
       if (some()) s.shading.high_mm = number(0, 3);
       if (some()) s.shading.up = {number(-1, 1), 1.0 / 3, 1};
     }
+    if (some()) s.pose.position_mm = {number(-1e6, 1e6), 1.0 / 3, 0};
+    if (some()) s.pose.rotate_deg = {number(-360, 360), 0, 1.0 / 3};
     if (some()) s.light_fixed = some();
     if (some()) s.shadows = some();
     if (s.lights.empty() && some()) s.light_size_deg = number(0, 90);
@@ -162,6 +164,8 @@ TEST(SceneFiles, AreRefusedNamingWhatIsWrong) {
       {kHead + R"(, "shading": {"kind": "slope", "full_deg": 91}})", "from 0.01 to 90 for 'shading.full_deg'"},
       {kHead + R"(, "shading": {"kind": "depth", "low_mm": 1, "high_mm": 1}})", "are the same"},
       {kHead + R"(, "shading": {"kind": "slope", "up": [0, 0, 0]}})", "'shading.up' is zero"},
+      {kHead + R"(, "pose": {"scale": 2}})", "there is no 'pose.scale'; known are position_mm, rotate_deg"},
+      {kHead + R"(, "pose": {"rotate_deg": [0, 90]}})", "3 numbers"},
       {kHead + R"(, "camera": []})", "expected an object for 'camera'"},
       {kHead + R"(, "camera": {"fov": 3}})", "'camera.fov'"},
       {kHead + R"(, "camera": {"fov_deg": 171}})", "from 1 to 170 for 'camera.fov_deg'"},

@@ -28,8 +28,8 @@ JsonMembers cameraMembers(SceneCamera& c) {
           numberMember("mm_per_px", "Scale of an orthographic picture, mm a px, in place of distance_mm", 1e-12, 1e9,
                        c.mm_per_px),
           boolMember("orthographic", "Parallel lines of sight", c.orthographic),
-          tripleMember("target_mm", "What the camera looks at, mm from the artwork's origin", -kFarthestMm, kFarthestMm,
-                       c.target_mm)};
+          tripleMember("target_mm", "What the camera looks at, mm; without a pose from the artwork's origin",
+                       -kFarthestMm, kFarthestMm, c.target_mm)};
 }
 
 JsonMembers effectMembers(SceneFile& s, std::vector<std::optional<double>>& values) {
@@ -82,16 +82,17 @@ JsonMember lightsMember(LightList& to) {
         numberMember("size_mm", "Of a near light, its diameter, mm: with light.shadows how soft these are [0: hard]", 0,
                      kFarthestMm, l.size_mm);
     diameter.beside = "position_mm";
-    return {tripleMember("towards", "Towards a light that is far away: right, up, to the viewer [0, 0, 1]", -1e9, 1e9,
-                         l.towards),
-            std::move(size),
-            tripleMember("position_mm", "In its place, where a near light is, mm from the artwork's origin",
-                         -kFarthestMm, kFarthestMm, l.position_mm),
-            std::move(diameter),
-            std::move(reference),
-            numberMember("intensity", "Times this, in linear light [1]", 0, kMaxLightIntensity, l.intensity),
-            tripleMember("color", "Red, green, blue of its light, linear [1, 1, 1]", 0, 1, l.color),
-            lightKeysMember(l.keys)};
+    return {
+        tripleMember("towards", "Towards a light that is far away: right, up, to the viewer [0, 0, 1]", -1e9, 1e9,
+                     l.towards),
+        std::move(size),
+        tripleMember("position_mm", "In its place, where a near light is, mm; without a pose from the artwork's origin",
+                     -kFarthestMm, kFarthestMm, l.position_mm),
+        std::move(diameter),
+        std::move(reference),
+        numberMember("intensity", "Times this, in linear light [1]", 0, kMaxLightIntensity, l.intensity),
+        tripleMember("color", "Red, green, blue of its light, linear [1, 1, 1]", 0, 1, l.color),
+        lightKeysMember(l.keys)};
   };
   return objectsMember(
       "lights", "In the place of light.towards: lights that add up in linear light", 1, kMaxLights,
@@ -215,6 +216,35 @@ Json jsonOf(const ReliefShading& s) {
   return json;
 }
 
+// A pose as it is written.
+struct PoseMembers {
+  std::optional<std::array<double, 3>> position_mm, rotate_deg;
+};
+
+JsonMember poseMember(PoseMembers& to) {
+  return objectMember(
+      "pose", "Where the artwork stands; camera and lights stay",
+      {tripleMember("position_mm", "Where its origin is, mm [0, 0, 0]", -kFarthestMm, kFarthestMm, to.position_mm),
+       tripleMember("rotate_deg",
+                    "It is turned by so much about x, then y, then z, degrees, as build --rotate turns a scan, before "
+                    "it is moved; [0, 180, 0] shows its back [0, 0, 0]",
+                    -1e6, 1e6, to.rotate_deg)});
+}
+
+Pose poseOf(const PoseMembers& m) {
+  Pose pose;
+  pose.position_mm = m.position_mm.value_or(pose.position_mm);
+  pose.rotate_deg = m.rotate_deg.value_or(pose.rotate_deg);
+  return pose;
+}
+
+Json jsonOf(const Pose& pose) {
+  Json json = Json::object();
+  if (pose.position_mm != Pose{}.position_mm) json["position_mm"] = pose.position_mm;
+  if (pose.turns()) json["rotate_deg"] = pose.rotate_deg;
+  return json;
+}
+
 // A gloss as it is written.
 struct GlossMembers {
   std::optional<double> reflectance, roughness;
@@ -236,6 +266,7 @@ struct SceneParts {
   std::vector<std::optional<double>> values;  // of the effects' parameters
   LightList lights;
   GlossMembers gloss;
+  PoseMembers pose;
   ShadingMembers shading;
   std::vector<CameraKeyMembers> path;
   std::optional<double> duration_s;
@@ -247,6 +278,7 @@ JsonMembers sceneMembers(SceneFile& s, SceneParts& parts) {
   artwork.needed = true;
   return {textMember("about", "Any text", parts.about),
           std::move(artwork),
+          poseMember(parts.pose),
           objectMember("camera", "Where it is seen from", cameraMembers(s.camera)),
           cameraPathMember(parts.path),
           numberMember("duration_s", "How long camera_path and lights with keys take, seconds [to the last key]", 1e-3,
@@ -318,6 +350,7 @@ Result<SceneFile> parseScene(const std::string& text, const std::string& name) {
        {problemOf(parts.lights, parts.duration_s), problemOf(parts.path, parts.duration_s)})
     if (!problem.empty()) return invalid(problem, kSceneFormat.hint);
   scene.lights = lightsOf(parts.lights);
+  scene.pose = poseOf(parts.pose);
   if (const std::string problem = problemOf(parts.shading); !problem.empty())
     return invalid(problem, kSceneFormat.hint);
   scene.shading = shadingOf(parts.shading);
@@ -396,6 +429,7 @@ std::string sceneText(const SceneFile& s) {
                                {"effects", effects},
                                {"picture", picture}})
     if (!object.empty()) json[name] = object;
+  if (s.pose.isOn()) json["pose"] = jsonOf(s.pose);
   for (size_t i = 0; i < s.lights.size(); ++i) {
     Json one = jsonOf(s.lights[i]);
     if (i < s.animation.lights.size())

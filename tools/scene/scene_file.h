@@ -17,6 +17,10 @@
 //
 //    "camera_path": [{"time_s": 0, "azimuth_deg": -30}, {"time_s": 4, "azimuth_deg": 30}]
 //
+// "pose" says where the artwork stands (src/render/pose.h); without one its own space is the world:
+//
+//    "pose": {"position_mm": [40, 0, 0], "rotate_deg": [0, 180, 0]}
+//
 // `relievo plan --schema` prints its JSON Schema, which says what every member means. What a scene leaves out is as
 // without the option of that name; units are those of the options (relievo render --help). Unknown members, other types
 // and values out of range are refused. Safe for untrusted text.
@@ -47,6 +51,7 @@ struct SceneCamera {
 
 struct SceneFile {
   std::string artwork;  // as it is written: from the scene file's folder on, where it is no absolute path
+  Pose pose;            // usually off
   SceneCamera camera;
   SceneAnimation animation;                    // camera and lights that move; usually none
   std::optional<std::array<double, 3>> light;  // towards it; of any length above 0
