@@ -27,6 +27,7 @@
 #include "src/render/base_corners.h"
 #include "src/render/block_formats.h"
 #include "src/render/depth_probe.h"
+#include "src/render/nearest_depth.h"
 #include "src/render/patch_pass.h"
 #include "src/render/picture_target.h"
 #include "src/render/sample_stack.h"
@@ -71,6 +72,7 @@ struct Engine::Impl {
   // resets `sampled`, and with it the picture is one sample again.
   std::unique_ptr<SampleStack> stack;
   int samples_in = 0;
+  std::optional<NearestDepth> nearest_depth;  // of those samples, where it is kept
   std::optional<TextureDemand::View> sampled;
   bool target_is_average = false;  // else `target` holds the last sample alone
   glm::dvec2 offset_px{0};         // of the sample that is being drawn
@@ -123,13 +125,27 @@ struct Engine::Impl {
             .shadow_adds = plan.soft_near,
             .faults = faults};
   }
+  // Artwork, scene, options and what follows from them, before any page is read.
+  Result<void> prepare(Artwork of, const Scene& with, const EngineOptions& given);
+  CacheNeed cacheNeed() const;
   Result<void> fitCache();
+  Result<void> makeNearestDepth() {
+    if (!options.keep_depth || plan.samples == 1) {
+      nearest_depth.reset();
+    } else if (!nearest_depth) {
+      auto made = NearestDepth::create(context.api);
+      if (!made) return made.error();
+      nearest_depth.emplace(std::move(*made));
+    }
+    return {};
+  }
   Result<void> linkPrograms() {
     surface_drawn = {};
     shading->forget(plan);
     sampled.reset();
     if (plan.samples == 1) stack.reset();
     else if (!stack || stack->samples() != plan.samples) stack = std::make_unique<SampleStack>(plan.samples);
+    if (auto made = makeNearestDepth(); !made) return made;
     return programs.link(context.api, programVariant());
   }
 
@@ -313,6 +329,7 @@ struct Engine::Impl {
     updateSurface();
     updateShares(directions);
     if (shading->whole() || samples_in == 0) shadeWithoutFades(now_s);
+    if (shading->whole() && nearest_depth) nearest_depth->take(surface, *screen, samples_in == 0);
     if (shading->whole()) stack->take(target, samples_in++);
     offset_px = {};
   }
@@ -531,7 +548,7 @@ Engine::~Engine() = default;
 
 // Roots of every plane (or tails), and a little room to look at anything beside them; also when one light is fixed
 // later, and without --shading, when there are other planes, too.
-Result<void> Engine::Impl::fitCache() {
+CacheNeed Engine::Impl::cacheNeed() const {
   const Manifest& manifest = artwork.manifest;
   EffectPlan fixed = plan;
   if (!fixed.resolve && fixed.lit()) {
@@ -542,8 +559,13 @@ Result<void> Engine::Impl::fitCache() {
   }
   Scene unshaded = scene;
   unshaded.shading = {};
-  const uint64_t least = std::max(
-      {planes->leastBytes(plan), planes->leastBytes(fixed), planes->leastBytes(planEffects(unshaded, manifest))});
+  return {std::max({planes->leastBytes(plan), planes->leastBytes(fixed),
+                    planes->leastBytes(planEffects(unshaded, manifest))}),
+          planes->mostBytes(plan)};
+}
+
+Result<void> Engine::Impl::fitCache() {
+  const uint64_t least = cacheNeed().least_bytes;
   const double least_mib = std::floor(static_cast<double>(least) / (1024 * 1024)) + 1;
   if (options.cache_mib * 1024 * 1024 >= static_cast<double>(least)) return {};
   char text[120];
@@ -562,27 +584,38 @@ Result<void> Engine::Impl::fitCache() {
                {}};
 }
 
+Result<void> Engine::Impl::prepare(Artwork of, const Scene& with, const EngineOptions& given) {
+  artwork = std::move(of);
+  scene = with;
+  options = given;
+  options.feedback_scale = std::clamp(options.feedback_scale, 1, kMaxFeedbackScale);
+  options.feedback_interval = std::clamp(options.feedback_interval, 1, kMaxFeedbackInterval);
+  context = gl::currentContextInfo();
+  const Manifest& manifest = artwork.manifest;
+  plan = planEffects(scene, manifest);
+  if (drawnWithTails(manifest.domain, options.most_pinned_patches))
+    stats.tail_bytes = tailGpuBytes(manifest.domain.patchCount(), static_cast<uint64_t>(manifest.texture.planes()));
+  auto upload = chooseUpload(options.upload, manifest, context.software,
+                             [&](PageCodec codec) { return missingBlockExtension(codec, context.api); });
+  if (!upload) return upload.error();
+  planes.emplace(artwork, options, stats.tail_bytes, std::move(*upload));
+  return {};
+}
+
+Result<CacheNeed> Engine::cacheNeed(const Artwork& artwork, const Scene& scene, const EngineOptions& options) {
+  Impl impl;
+  if (auto prepared = impl.prepare(artwork, scene, options); !prepared) return prepared.error();
+  return impl.cacheNeed();
+}
+
 Result<std::unique_ptr<Engine>> Engine::create(Artwork artwork, const Scene& scene, const EngineOptions& options) {
   if (const std::string problem = sceneProblem(scene, artwork.manifest); !problem.empty())
     return Error{ErrorKind::kUsage, "", problem, scene.unlit ? "leave out --unlit" : "", {}};
   auto impl = std::make_unique<Impl>();
-  impl->artwork = std::move(artwork);
-  impl->scene = scene;
-  impl->options = options;
-  impl->options.feedback_scale = std::clamp(options.feedback_scale, 1, kMaxFeedbackScale);
-  impl->options.feedback_interval = std::clamp(options.feedback_interval, 1, kMaxFeedbackInterval);
-  impl->context = gl::currentContextInfo();
-  impl->plan = planEffects(scene, impl->artwork.manifest);
+  if (auto prepared = impl->prepare(std::move(artwork), scene, options); !prepared) return prepared.error();
   const Manifest& manifest = impl->artwork.manifest;
   const bool with_tails = drawnWithTails(manifest.domain, options.most_pinned_patches);
-  if (with_tails)
-    impl->stats.tail_bytes =
-        tailGpuBytes(manifest.domain.patchCount(), static_cast<uint64_t>(manifest.texture.planes()));
-  auto upload = chooseUpload(options.upload, manifest, impl->context.software,
-                             [&](PageCodec codec) { return missingBlockExtension(codec, impl->context.api); });
-  if (!upload) return upload.error();
-  ResidentPlanes& planes =
-      impl->planes.emplace(impl->artwork, impl->options, impl->stats.tail_bytes, std::move(*upload));
+  ResidentPlanes& planes = *impl->planes;
   if (const std::string why = planes.whyNotBlocks(impl->plan); options.upload == Upload::kBlocks && !why.empty())
     impl->notices.push_back("texture pages are uploaded as rgba8, not as blocks: " + why);
   if (auto fits = impl->fitCache(); !fits) return fits.error();
@@ -768,6 +801,14 @@ Result<void> Engine::settle(double timeout_s, bool refined) {
 std::vector<uint8_t> Engine::readPixels() {
   if (impl_->showsAverage()) impl_->averageSamples();
   return impl_->target.readPixels();
+}
+
+Engine::Layer Engine::layer() {
+  Impl& e = *impl_;
+  const bool average = e.showsAverage();
+  if (average) e.averageSamples();
+  return {e.target, average && e.nearest_depth ? e.nearest_depth->depth() : e.surface.depth(), e.surface.depthMode(),
+          e.drawn().view};
 }
 
 void Engine::present(int window_width_px, int window_height_px) {

@@ -27,6 +27,7 @@
 #include "src/engine/upload_choice.h"
 #include "src/gl/context.h"
 #include "src/render/camera.h"
+#include "src/render/picture_target.h"
 #include "texturing/package/package.h"
 #include "texturing/package/page_failures.h"
 #include "texturing/stream/feedback.h"
@@ -60,6 +61,8 @@ struct EngineOptions {
   bool prefetch = true;  // requests what a moving camera will show next (src/engine/prefetch.h); flat artworks only
   bool reversed_depth = true;  // where the context has clip control (src/render/depth.h)
   uint32_t uploads_per_frame = 64;
+  // The nearest depth of a picture's samples is kept, for Layer::depth.
+  bool keep_depth = false;
   const std::atomic<bool>* interrupted = nullptr;  // polled: once set, create() and settle() give up
 };
 
@@ -69,8 +72,15 @@ inline bool drawnWithTails(const PatchDomain& domain, uint32_t most_pinned_patch
 
 struct FaultInjection;
 
+// Bytes of the page cache: the least that an engine can be made with, and what all pages of the artwork take.
+struct CacheNeed {
+  uint64_t least_bytes = 0, most_bytes = 0;
+};
+
 class Engine {
  public:
+  // Of an engine of this artwork and scene. Needs a current GL context.
+  static Result<CacheNeed> cacheNeed(const Artwork& artwork, const Scene& scene, const EngineOptions& options);
   static Result<std::unique_ptr<Engine>> create(Artwork artwork, const Scene& scene, const EngineOptions& options);
   ~Engine();
 
@@ -111,6 +121,15 @@ class Engine {
   // The place on the surface that a pixel (origin top left) of the last picture shows, of several samples the last one;
   // nothing over the background. In the world, mm. Waits for that picture.
   std::optional<glm::dvec3> surfacePoint(double x_px, double y_px);
+  // The last picture as readPixels() has it, on the GPU, to be put together with others (src/render/composition.h).
+  // Valid until the next call of a function that draws. With several samples it needs EngineOptions::keep_depth.
+  struct Layer {
+    const PictureTarget& picture;
+    GLuint depth;  // a texture
+    DepthMode depth_mode;
+    ViewTransform view;  // its near and far planes
+  };
+  Layer layer();
   EngineStats stats() const;
   std::vector<std::string> takeMessages();
   // Pages that pictures were drawn without since the start; takeMessages() names each of them, too.

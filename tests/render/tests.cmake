@@ -64,6 +64,8 @@ relievo_gltest(multisampling_gltest LIBS relievo_engine relievo_dense_pages SOUR
 relievo_gltest(effects_gltest LIBS relievo_engine relievo_dense_pages SOURCES render/effects_gltest.cpp)
 relievo_gltest(lights_gltest LIBS relievo_engine relievo_dense_pages relievo_lod SOURCES render/lights_gltest.cpp)
 relievo_gltest(pose_gltest LIBS relievo_engine relievo_dense_pages relievo_lod SOURCES render/pose_gltest.cpp)
+relievo_gltest(stage_gltest LIBS relievo_engine relievo_dense_pages relievo_lod SOURCES render/stage_gltest.cpp)
+relievo_test(stage_test LIBS relievo_engine SOURCES render/stage_test.cpp)
 relievo_test(pose_test LIBS relievo_engine relievo_scan SOURCES render/pose_test.cpp)
 relievo_gltest(relief_shading_gltest LIBS relievo_engine relievo_dense_pages relievo_lod SOURCES render/relief_shading_gltest.cpp)
 relievo_gltest(fixed_light_gltest LIBS relievo_engine relievo_dense_pages relievo_lod SOURCES render/fixed_light_gltest.cpp)
