@@ -388,14 +388,24 @@ Result<std::optional<SceneFile>> SceneOptions::takeScene(std::string& file, std:
   if (s.samples && !given("--samples")) samples = *s.samples;
   if (s.size_px && size.empty()) size = std::to_string((*s.size_px)[0]) + "x" + std::to_string((*s.size_px)[1]);
   scene_pose = s.pose;
-  scene_file = std::exchange(file, s.artwork);
+  scene_artworks = s.artworks;
+  scene_file = file;
+  if (s.artworks.empty()) file = s.artwork;
   return std::optional<SceneFile>(std::move(*read));
 }
 
-SceneFile SceneOptions::sceneFile(const std::string& artwork) const {
+std::vector<SceneArtwork> SceneOptions::artworksOf(const std::string& file) const {
+  return scene_artworks.empty() ? std::vector<SceneArtwork>{{file, scene_pose}} : scene_artworks;
+}
+
+SceneFile SceneOptions::sceneFile(const std::vector<SceneArtwork>& artworks) const {
   SceneFile s;
-  s.artwork = artwork;
-  s.pose = scene_pose;
+  if (artworks.size() == 1) {
+    s.artwork = artworks[0].file;
+    s.pose = artworks[0].pose;
+  } else {
+    s.artworks = artworks;
+  }
   if (no_relight) s.light_fixed = true;
   if (no_relief) s.relief = false;
   if (unlit) s.unlit = true;

@@ -309,6 +309,22 @@ class PlacedGuard final : public EyeGuard {
   PlacedExtent placed_;
 };
 
+class GuardOfAll final : public EyeGuard {
+ public:
+  explicit GuardOfAll(std::vector<std::unique_ptr<const EyeGuard>> guards) : guards_(std::move(guards)) {}
+  double distance(const glm::dvec3& place_mm) const override {
+    double nearest = kInfinity;
+    for (const auto& guard : guards_) nearest = std::min(nearest, guard->distance(place_mm));
+    return nearest;
+  }
+  bool behind(const glm::dvec3& place_mm) const override {
+    return std::any_of(guards_.begin(), guards_.end(), [&](const auto& guard) { return guard->behind(place_mm); });
+  }
+
+ private:
+  std::vector<std::unique_ptr<const EyeGuard>> guards_;
+};
+
 }  // namespace
 
 double EyeGuard::freeShare(const glm::dvec3& from_mm, const glm::dvec3& to_mm, double clear_mm) const {
@@ -340,6 +356,11 @@ std::unique_ptr<const EyeGuard> makeEyeGuard(const Artwork& artwork, double exag
 std::unique_ptr<const EyeGuard> placedGuard(std::unique_ptr<const EyeGuard> guard, const PlacedExtent& placed) {
   if (!placed.pose.isOn()) return guard;
   return std::make_unique<PlacedGuard>(std::move(guard), placed);
+}
+
+std::unique_ptr<const EyeGuard> guardOfAll(std::vector<std::unique_ptr<const EyeGuard>> guards) {
+  if (guards.size() == 1) return std::move(guards[0]);
+  return std::make_unique<GuardOfAll>(std::move(guards));
 }
 
 }  // namespace relievo

@@ -7,6 +7,7 @@
 #pragma once
 
 #include <memory>
+#include <vector>
 
 #include <glm/glm.hpp>
 
@@ -35,5 +36,8 @@ std::unique_ptr<const EyeGuard> makeEyeGuard(const Artwork& artwork, double exag
 // The same for places in the world, of an artwork that stands there. Behind a flat one that is turned there is room
 // again, from its lowest place on.
 std::unique_ptr<const EyeGuard> placedGuard(std::unique_ptr<const EyeGuard> guard, const PlacedExtent& placed);
+
+// Of several artworks: the nearest counts.
+std::unique_ptr<const EyeGuard> guardOfAll(std::vector<std::unique_ptr<const EyeGuard>> guards);
 
 }  // namespace relievo

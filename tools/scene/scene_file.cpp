@@ -245,6 +245,24 @@ Json jsonOf(const Pose& pose) {
   return json;
 }
 
+// Artworks while they are read.
+struct ArtworkList {
+  std::array<std::string, kMostArtworks> files;
+  std::array<PoseMembers, kMostArtworks> poses;
+  size_t count = 0;
+};
+
+JsonMember artworksMember(ArtworkList& to) {
+  const auto membersOfOne = [&to](size_t i) -> JsonMembers {
+    JsonMember file = textMember("file", "Its file, from this file's folder on", to.files[i]);
+    file.needed = true;
+    return {std::move(file), poseMember(to.poses[i])};
+  };
+  return objectsMember(
+      "artworks", "In the place of artwork and pose: artworks that are seen together", 1, kMostArtworks,
+      [&to](size_t count) { to.count = count; }, membersOfOne);
+}
+
 // A gloss as it is written.
 struct GlossMembers {
   std::optional<double> reflectance, roughness;
@@ -267,6 +285,7 @@ struct SceneParts {
   LightList lights;
   GlossMembers gloss;
   PoseMembers pose;
+  ArtworkList artworks;
   ShadingMembers shading;
   std::vector<CameraKeyMembers> path;
   std::optional<double> duration_s;
@@ -275,10 +294,11 @@ struct SceneParts {
 // parts outlive the members.
 JsonMembers sceneMembers(SceneFile& s, SceneParts& parts) {
   JsonMember artwork = textMember("artwork", "The artwork's file, from this file's folder on", s.artwork);
-  artwork.needed = true;
+  artwork.or_else = "artworks";
   return {textMember("about", "Any text", parts.about),
           std::move(artwork),
           poseMember(parts.pose),
+          artworksMember(parts.artworks),
           objectMember("camera", "Where it is seen from", cameraMembers(s.camera)),
           cameraPathMember(parts.path),
           numberMember("duration_s", "How long camera_path and lights with keys take, seconds [to the last key]", 1e-3,
@@ -307,6 +327,21 @@ JsonMembers sceneMembers(SceneFile& s, SceneParts& parts) {
                         wholeMember("samples", "Samples a pixel of a still picture", {1, 4, 8}, s.samples),
                         tripleMember("background", "Red, green, blue where the artwork is not", 0, 255, s.background)}),
           objectMember("settings", "What stands between accuracy and time", settingsMembers(s.settings))};
+}
+
+// What is shown, and what is wrong with it. A list of one is that one.
+std::string takeArtworks(const ArtworkList& list, SceneFile& scene) {
+  if (list.count == 0) return scene.artwork.empty() ? "expected a file's name for 'artwork'" : "";
+  if (scene.pose.isOn()) return "'pose' is that of 'artwork': each of 'artworks' has its own";
+  for (size_t i = 0; i < list.count; ++i) {
+    if (list.files[i].empty()) return "expected a file's name for 'artworks[" + std::to_string(i) + "].file'";
+    scene.artworks.push_back({list.files[i], poseOf(list.poses[i])});
+  }
+  if (list.count > 1) return "";
+  scene.artwork = scene.artworks[0].file;
+  scene.pose = scene.artworks[0].pose;
+  scene.artworks.clear();
+  return "";
 }
 
 // What moves, and what is wrong with it beside the rest of the scene.
@@ -343,14 +378,14 @@ Result<SceneFile> parseScene(const std::string& text, const std::string& name) {
   const auto invalid = [&](const std::string& what, const char* hint) {
     return Error{ErrorKind::kInvalidData, name, what, hint, {}};
   };
-  if (scene.artwork.empty()) return invalid("expected a file's name for 'artwork'", "");
+  scene.pose = poseOf(parts.pose);
+  if (const std::string problem = takeArtworks(parts.artworks, scene); !problem.empty()) return invalid(problem, "");
   if (scene.light && *scene.light == std::array<double, 3>{})
     return invalid("the light's direction is zero", "for example [-0.7, 0.4, 0.6]");
   for (const std::string& problem :
        {problemOf(parts.lights, parts.duration_s), problemOf(parts.path, parts.duration_s)})
     if (!problem.empty()) return invalid(problem, kSceneFormat.hint);
   scene.lights = lightsOf(parts.lights);
-  scene.pose = poseOf(parts.pose);
   if (const std::string problem = problemOf(parts.shading); !problem.empty())
     return invalid(problem, kSceneFormat.hint);
   scene.shading = shadingOf(parts.shading);
@@ -373,15 +408,33 @@ Result<SceneFile> readScene(const std::string& path) {
   auto text = readTextFile(path, kMaxSceneBytes);
   if (!text) return text.error();
   auto scene = parseScene(*text, path);
-  if (scene) scene->artwork = (std::filesystem::path(path).parent_path() / scene->artwork).string();
+  if (!scene) return scene;
+  const auto opened = [&](std::string& file) {
+    if (!file.empty()) file = (std::filesystem::path(path).parent_path() / file).string();
+  };
+  opened(scene->artwork);
+  for (SceneArtwork& artwork : scene->artworks) opened(artwork.file);
   return scene;
+}
+
+Result<std::string> onlyArtwork(const SceneFile& scene, const std::string& path) {
+  if (scene.artworks.empty()) return scene.artwork;
+  std::string files;
+  for (const SceneArtwork& artwork : scene.artworks) files += (files.empty() ? "" : ", ") + artwork.file;
+  return Error{ErrorKind::kUsage,
+               path,
+               "the scene has " + std::to_string(scene.artworks.size()) + " artworks, and this command takes one",
+               "give it one of them: " + files,
+               {}};
 }
 
 Result<void> takeArtwork(std::string& file) {
   if (!namesScene(file)) return {};
   auto scene = readScene(file);
   if (!scene) return scene.error();
-  file = scene->artwork;
+  auto only = onlyArtwork(*scene, file);
+  if (!only) return only.error();
+  file = *only;
   return {};
 }
 
@@ -392,7 +445,13 @@ bool namesScene(const std::string& path) {
 }
 
 std::string sceneText(const SceneFile& s) {
-  Json json = {{"format", kSceneFormat.name}, {"version", kSceneVersion}, {"artwork", s.artwork}};
+  Json json = {{"format", kSceneFormat.name}, {"version", kSceneVersion}};
+  if (s.artworks.empty()) json["artwork"] = s.artwork;
+  for (const SceneArtwork& artwork : s.artworks) {
+    Json one = {{"file", artwork.file}};
+    if (artwork.pose.isOn()) one["pose"] = jsonOf(artwork.pose);
+    json["artworks"].push_back(std::move(one));
+  }
   const auto put = [](Json& to, const char* name, const auto& value) {
     if (value) to[name] = *value;
   };
