@@ -3,6 +3,9 @@
 // share camera, lights and effects, and the budget of the page cache. What one hides of another is decided pixel by
 // pixel; no artwork casts a shadow on another one, or hides sky from it.
 //
+// While the camera moves each engine shows the newest patch list that it has, so that one may be a frame behind
+// another.
+//
 // A stage of one artwork is its engine: it draws, allocates and links nothing else. So does one of several of which
 // only one is in view. An artwork that is out of view is neither streamed nor drawn.
 //

@@ -222,6 +222,19 @@ TEST(Stages, DoNotDependOnTheOrderOfTheArtworks) {
   }
 }
 
+// Not even where depths are equal, bit for bit.
+TEST(Stages, DoNotDependOnTheOrderWhereDepthsAreEqual) {
+  std::vector<std::vector<uint8_t>> pictures;
+  for (const bool turned : {false, true}) {
+    std::vector<StagedArtwork> all{{square(0), kCrossing[0], "a"}, {square(1), kCrossing[0], "b"}};
+    if (turned) std::swap(all[0], all[1]);
+    auto stage = stageOf(std::move(all), {}, cameraOfCrossing(false));
+    ASSERT_TRUE(stage);
+    pictures.push_back(settledPicture(*stage));
+  }
+  EXPECT_EQ(pictures[0], pictures[1]);
+}
+
 // One artwork: its engine's bytes, and nothing of a composition.
 TEST(Stages, OfOneArtworkAreItsEngine) {
   for (const int samples : {1, 4}) {

@@ -289,7 +289,7 @@ TEST(SceneFiles, ExamplesAreReadAndSayWhatTheyAreFor) {
     EXPECT_GT(json.value("about", "").size(), 20u) << entry.path();
     ++examples;
   }
-  EXPECT_EQ(examples, 10);
+  EXPECT_EQ(examples, 11);
 }
 
 TEST(SceneFiles, OfOneArtworkInAListAreThoseOfThatArtwork) {
@@ -302,9 +302,9 @@ TEST(SceneFiles, OfOneArtworkInAListAreThoseOfThatArtwork) {
   EXPECT_EQ(onlyArtwork(*listed, "scene.json").value(), "a.relievo");
   const auto refused = onlyArtwork(*two, "scene.json");
   ASSERT_FALSE(refused);
-  EXPECT_EQ(refused.error().text(),
-            "scene.json: the scene has 2 artworks, and this command takes one (give it one of them: a.relievo, "
-            "b.relievo)");
+  EXPECT_EQ(
+      refused.error().text(),
+      "scene.json: the scene has 2 artworks, and this command takes one (give it an artwork: a.relievo, b.relievo)");
 }
 
 TEST(SceneFiles, HoldLightsThatAnOptionGives) {

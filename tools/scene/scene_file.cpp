@@ -420,11 +420,15 @@ Result<SceneFile> readScene(const std::string& path) {
 Result<std::string> onlyArtwork(const SceneFile& scene, const std::string& path) {
   if (scene.artworks.empty()) return scene.artwork;
   std::string files;
-  for (const SceneArtwork& artwork : scene.artworks) files += (files.empty() ? "" : ", ") + artwork.file;
+  for (size_t i = 0; i < scene.artworks.size(); ++i) {
+    const auto here = scene.artworks.begin() + static_cast<std::ptrdiff_t>(i);
+    const auto same = [&](const SceneArtwork& other) { return other.file == here->file; };
+    if (std::none_of(scene.artworks.begin(), here, same)) files += (files.empty() ? "" : ", ") + here->file;
+  }
   return Error{ErrorKind::kUsage,
                path,
                "the scene has " + std::to_string(scene.artworks.size()) + " artworks, and this command takes one",
-               "give it one of them: " + files,
+               "give it an artwork: " + files,
                {}};
 }
 
