@@ -263,7 +263,9 @@ Result<ScenePlan> planOf(const Scene& scene, const SceneArtworks& artworks, std:
   std::vector<const Manifest*> manifests;
   for (size_t i = 0; i < artworks.named.size(); ++i) {
     manifests.push_back(&artworks.package(i).manifest());
-    if (const std::string problem = sceneProblem(scene, *manifests[i]); !problem.empty())
+    Scene own = scene;
+    own.pose = artworks.named[i].pose;
+    if (const std::string problem = sceneProblem(own, *manifests[i]); !problem.empty())
       return Error{ErrorKind::kUsage, artworks.named[i].file, problem, "", {}};
   }
   ScenePlan plan;

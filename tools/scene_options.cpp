@@ -95,7 +95,7 @@ void SceneOptions::addCamera(CLI::App& c) {
   c.add_option("--distance", distance, "Eye to target, mm [so that all is in view]");
   c.add_option("--target", target,
                "X,Y,Z that the camera looks at, mm from the artwork's centre (of a scan: from its base mesh's origin; "
-               "of a scene with poses: in it) "
+               "with poses: in their world) "
                "[its middle]");
   c.add_option("--fov", fov, "Vertical field of view, degrees, 1 to 170; of perspective [35]");
   auto* parallel = c.add_flag(

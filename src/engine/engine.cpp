@@ -663,6 +663,7 @@ const OrbitCamera& Engine::camera() const { return impl_->camera; }
 const Scene& Engine::scene() const { return impl_->pending_scene ? *impl_->pending_scene : impl_->scene; }
 const EffectPlan& Engine::plan() const { return impl_->plan; }
 const Manifest& Engine::manifest() const { return impl_->artwork.manifest; }
+PlacedExtent Engine::placed() const { return {impl_->drawnExtent(), impl_->scene.pose}; }
 const std::vector<PatchInstance>& Engine::instances() const { return impl_->list->instances(); }
 const std::vector<NodeRequest>& Engine::textureRequests() const { return impl_->demand->requests(); }
 ViewTransform Engine::view() const { return impl_->drawn().view; }

@@ -96,6 +96,7 @@ class Engine {
   const Scene& scene() const;
   const EffectPlan& plan() const;
   const Manifest& manifest() const;
+  PlacedExtent placed() const;  // what is drawn, and where it stands
 
   // Draws one frame into the engine's framebuffer; now_s: seconds of a steady clock. One sample a pixel; but what
   // settle() or refine() averaged stays while it shows the same view, scene and pages.

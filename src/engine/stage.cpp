@@ -24,8 +24,14 @@ struct Actor {
   Pose pose;
   std::unique_ptr<Engine> engine;
   bool in_view = true;
-  // While its picture is still that of a view from before it went out of view: that view.
-  std::optional<glm::dmat4> left_at;
+  glm::dmat4 asked{0.0};  // the view of its last frame
+  // Once it went out of view: the views that its picture, and a patch list on the way, are of. Until its picture is
+  // of another one, or the present one is the same, it is not shown.
+  std::optional<std::array<glm::dmat4, 2>> left_at;
+
+  ViewTransform viewOf(const OrbitCamera& camera) const {
+    return viewTransform(camera, engine->placed(), engine->width(), engine->height());
+  }
 };
 
 Error named(Error error, const std::string& name) {
@@ -155,15 +161,12 @@ struct Stage::Impl {
   std::unique_ptr<ScreenPass> screen;
 
   bool single() const { return actors.size() == 1; }
-  PlacedExtent placedOf(const Actor& actor) const {
-    return placedExtent(actor.engine->scene(), actor.engine->manifest());
-  }
   void look() {
     for (Actor& actor : actors) {
       if (single()) continue;
-      Engine& e = *actor.engine;
-      const bool before = std::exchange(actor.in_view, isInView(camera, placedOf(actor), e.width(), e.height()));
-      if (before && !actor.in_view) actor.left_at = e.view().clip_from_world;
+      const Engine& e = *actor.engine;
+      const bool before = std::exchange(actor.in_view, isInView(camera, e.placed(), e.width(), e.height()));
+      if (before && !actor.in_view && !actor.left_at) actor.left_at = {e.view().clip_from_world, actor.asked};
     }
   }
   // Those whose picture is one of the present view.
@@ -172,11 +175,12 @@ struct Stage::Impl {
     for (size_t i : order) {
       Actor& actor = actors[i];
       if (!actor.in_view) continue;
-      const glm::dmat4 drawn = actor.engine->view().clip_from_world;
-      if (actor.left_at && drawn != *actor.left_at) actor.left_at.reset();
-      const Engine& e = *actor.engine;
-      if (actor.left_at && drawn != viewTransform(camera, placedOf(actor), e.width(), e.height()).clip_from_world)
-        continue;
+      if (actor.left_at) {
+        const glm::dmat4 drawn = actor.engine->view().clip_from_world;
+        const bool old = drawn == (*actor.left_at)[0] || drawn == (*actor.left_at)[1];
+        if (old && drawn != actor.viewOf(camera).clip_from_world) continue;
+        actor.left_at.reset();
+      }
       all.push_back(i);
     }
     return all;
@@ -251,7 +255,7 @@ const Pose& Stage::pose(size_t i) const { return impl_->actors[i].pose; }
 bool Stage::inView(size_t i) const { return impl_->actors[i].in_view; }
 std::vector<PlacedExtent> Stage::placed() const {
   std::vector<PlacedExtent> all;
-  for (const Actor& actor : impl_->actors) all.push_back(impl_->placedOf(actor));
+  for (const Actor& actor : impl_->actors) all.push_back(actor.engine->placed());
   return all;
 }
 
@@ -279,8 +283,11 @@ Result<void> Stage::setScene(const Scene& scene) {
 const Scene& Stage::scene() const { return impl_->scene; }
 
 void Stage::frame(double now_s) {
-  for (Actor& actor : impl_->actors)
-    if (actor.in_view) actor.engine->frame(now_s);
+  for (Actor& actor : impl_->actors) {
+    if (!actor.in_view) continue;
+    if (!impl_->single()) actor.asked = actor.viewOf(impl_->camera).clip_from_world;
+    actor.engine->frame(now_s);
+  }
 }
 
 bool Stage::refine(double now_s) {

@@ -162,6 +162,15 @@ TEST(Poses, KeepTheEyeOutsideOfWhatStandsThere) {
     negative += turned_only_in_name->distance(own + glm::dvec3(30, -20, 10)) < 0;
   }
   EXPECT_GT(negative, 20) << "one that is not turned has nothing behind it";
+  // Of several the nearest counts.
+  const PlacedExtent other{placed.extent, {{-40, 10, 60}, {0, 40, 0}}};
+  std::vector<std::unique_ptr<const EyeGuard>> guards;
+  for (const PlacedExtent& one : {placed, other}) guards.push_back(placedGuard(makeEyeGuard(plane, 1, 1), one));
+  const auto second = placedGuard(makeEyeGuard(plane, 1, 1), other), both = guardOfAll(std::move(guards));
+  for (int i = 0; i < 100; ++i) {
+    const glm::dvec3 place(dice(-80, 80), dice(-60, 60), dice(-60, 60));
+    EXPECT_EQ(both->distance(place), std::min(guard->distance(place), second->distance(place)));
+  }
 }
 
 }  // namespace pose_test
