@@ -30,8 +30,9 @@ void main() {
     for (int i = 0; i < u_count; ++i) {
       if ((taken & (1u << uint(i))) != 0u) continue;
       vec4 one = texelFetch(u_colours, ivec3(pixel, i), 0);
+      if (one.a == 0.0) continue;
       float nearness = nearnessOf(i, pixel);
-      if (one.a == 0.0 || (best >= 0 && nearness <= nearest)) continue;
+      if (best >= 0 && nearness <= nearest) continue;
       best = i;
       nearest = nearness;
       colour = one;
