@@ -23,7 +23,9 @@ void main() {
   uint taken = 0u;
   vec3 light = vec3(0.0);
   float left = 1.0;
-  for (int round = 0; round < u_count && left > 0.0; ++round) {
+  vec4 only = vec4(0.0);  // where no more than one shows: its bytes as they are
+  int shown = 0;
+  for (int rank = 0; rank < u_count && left > 0.0; ++rank) {
     int best = -1;
     float nearest = 0.0;
     vec4 colour = vec4(0.0);
@@ -38,15 +40,15 @@ void main() {
       colour = one;
     }
     if (best < 0) break;
-    if (round == 0 && colour.a == 1.0) {  // its bytes as they are
-      o_colour = colour;
-      return;
-    }
+    only = colour;
+    ++shown;
+    if (rank == 0 && colour.a == 1.0) break;
     taken |= 1u << uint(best);
     light += left * colour.a * linearFromSrgb(colour.rgb);
     left *= 1.0 - colour.a;
   }
   float covered = 1.0 - left;
-  if (u_behind.a > 0.0) o_colour = vec4(srgbFromLinear(light + left * u_behind.rgb), 1.0);
+  if (shown == 1 && (u_behind.a == 0.0 || only.a == 1.0)) o_colour = only;
+  else if (u_behind.a > 0.0) o_colour = vec4(srgbFromLinear(light + left * u_behind.rgb), 1.0);
   else o_colour = covered > 0.0 ? vec4(srgbFromLinear(light / covered), covered) : vec4(0.0);
 }

@@ -315,10 +315,12 @@ TEST(Stages, BlendAtBordersByCoverage) {
       engine->setCamera(camera);
       alone[i] = pictureOf(*engine, own);
     }
-    int borders = 0, wrong = 0, wrong_without = 0;
+    int borders = 0, wrong = 0, wrong_without = 0, alone_changed = 0;
     for (size_t k = 0; k < picture.size(); k += 4) {
       const double a = alone[0][k + 3] / 255.0, b = alone[1][k + 3] / 255.0, covered = a + (1 - a) * b;
       borders += a > 0 && a < 1 && b == 1;
+      if (a == 0 || b == 0)
+        alone_changed += !std::equal(&picture[k], &picture[k] + 4, a > 0 ? &alone[0][k] : &alone[1][k]);
       const auto differs = [&](double share, double next) {
         if (std::abs(255 * (share + next) - picture[k + 3]) > 1) return true;
         if (share + next == 0) return false;
@@ -332,6 +334,7 @@ TEST(Stages, BlendAtBordersByCoverage) {
     }
     EXPECT_GT(borders, 60);
     EXPECT_EQ(wrong, 0);
+    EXPECT_EQ(alone_changed, 0) << "where one shows alone its bytes stay";
     EXPECT_GT(wrong_without, 40) << "the control: at borders the one behind is taken for the nearer one";
   }
 }
