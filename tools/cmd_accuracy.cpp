@@ -218,7 +218,9 @@ void addAccuracyCommand(CLI::App& app, CommandContext& context) {
     if (namesScene(o->file)) {
       auto scene = readScene(o->file);
       if (!scene) return context.fail(scene.error());
-      o->file = scene->artwork;
+      auto only = onlyArtwork(*scene, o->file);
+      if (!only) return context.fail(only.error());
+      o->file = *only;
       if (!scene->lights.empty() && c->count("--light") == 0)
         return context.fail(usageError("accuracy is measured under one white light, and the scene has others",
                                        "give one in their place with --light"));

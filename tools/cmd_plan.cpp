@@ -10,14 +10,15 @@
 #include "src/base/progress.h"
 #include "src/base/standard_output.h"
 #include "src/engine/effects/soft_shadows.h"
-#include "src/engine/engine.h"
 #include "src/engine/light_shares.h"
+#include "src/engine/stage.h"
 #include "src/gl/context.h"
 #include "tools/artwork_cache.h"
 #include "tools/bench/frame_timing.h"
 #include "tools/commands.h"
 #include "tools/output_files.h"
 #include "tools/scene/scene_plan.h"
+#include "tools/scene_artworks.h"
 #include "tools/scene_options.h"
 
 namespace relievo {
@@ -38,9 +39,15 @@ struct CostedPart {
   std::optional<double> ms;  // a frame, above the scene without it
 };
 
+struct PlannedArtwork {
+  std::string name;
+  PlannedScene plan;
+};
+
 struct ScenePlan {
   Scene scene;
-  PlannedScene whole;
+  PlannedScene whole;                    // of all artworks together
+  std::vector<PlannedArtwork> artworks;  // each by itself, where there are several
   std::vector<CostedPart> parts;
   std::optional<double> frame_ms;    // of a moving camera, at the size
   std::optional<double> refined_ms;  // until a still picture has all its samples and directions, if it needs any
@@ -51,23 +58,25 @@ struct ScenePlan {
   std::vector<std::string> lights;  // those that are evaluated for each pixel; none: one white light, or none
 };
 
-Result<double> movingFrameMs(Engine& engine, const Scene& scene, const OrbitCamera& camera) {
-  if (auto set = engine.setScene(scene); !set) return set.error();
-  if (auto settled = engine.settle(120, false); !settled) return settled.error();
-  return medianOf(movingFramesMs(engine, camera, kTimedFrames));
+Result<double> movingFrameMs(Stage& stage, const Scene& scene, const OrbitCamera& camera) {
+  if (auto set = stage.setScene(scene); !set) return set.error();
+  if (auto settled = stage.settle(120, false); !settled) return settled.error();
+  return medianOf(movingFramesMs(stage, camera, kTimedFrames));
 }
 
 // From the last frame on.
-double refinedMs(Engine& engine) {
+double refinedMs(Stage& stage) {
   const double start = steadyNow();
-  while (!interruptedFlag() && engine.refine(steadyNow())) engine.readPixels();  // which waits for the picture
+  while (!interruptedFlag() && stage.refine(steadyNow())) stage.readPixels();  // which waits for the picture
   return (steadyNow() - start) * 1000;
 }
 
 // What of the scene is the average of several directions, and the memory that shares of light take.
-void noteShares(ScenePlan& plan, bool flat, std::pair<int, int> size) {
-  const EffectPlan& of = plan.whole.plan;
+void noteShares(ScenePlan& plan, const EffectPlan& of, bool flat, std::pair<int, int> size) {
   if (!of.casts()) return;
+  const auto note = [&plan](const char* area) {
+    if (std::find(plan.areas.begin(), plan.areas.end(), area) == plan.areas.end()) plan.areas.emplace_back(area);
+  };
   std::vector<SceneLight> casting;
   if (of.shadows && of.lights == 0) casting.push_back({.size_deg = singleLightSize(plan.scene)});
   if (of.shadows && of.lights > 0) casting = shadedLights(plan.scene.lights);
@@ -80,44 +89,47 @@ void noteShares(ScenePlan& plan, bool flat, std::pair<int, int> size) {
                   light.near ? "a near light of %g mm: %d places, a moving camera draws 1"
                              : "a light of %g degrees: %d directions, a moving camera draws 1",
                   light.near ? light.size_mm : light.size_deg, kLightDirections);
-    plan.areas.emplace_back(text);
+    note(text);
   }
   if (of.ambient_occlusion) {
     std::snprintf(text, sizeof text, "the sky, strength %g: %d directions, a moving camera draws none",
                   plan.scene.ambient_occlusion.strength, flat ? kSkyDirectionsOfFlat : kSkyDirectionsOfScan);
-    plan.areas.emplace_back(text);
+    note(text);
   }
-  plan.shares_mib =
+  plan.shares_mib +=
       static_cast<double>(ShadowPass::bytes(size.first, size.second, casting.size(), of.ambient_occlusion, areas)) /
       (1024 * 1024);
 }
 
 // In rounds, the scene with and without each part one after the other, so that what else the machine does meets all.
-Result<void> measure(ScenePlan& plan, const std::shared_ptr<const Package>& package, const OrbitCamera& camera,
+Result<void> measure(ScenePlan& plan, const SceneArtworks& artworks, const OrbitCamera& camera,
                      std::pair<int, int> size, const EngineOptions& options) {
   auto context = gl::HeadlessContext::create();
   if (!context) return context.error();
   plan.renderer = (*context)->info().renderer;
-  auto engine = Engine::create(artworkFromPackage(package, &interruptedFlag()), plan.scene, options);
-  if (!engine) return engine.error();
-  (*engine)->resize(size.first, size.second);
-  (*engine)->setCamera(camera);
+  auto made = Stage::create(
+      artworks.staged([](const auto& package) { return artworkFromPackage(package, &interruptedFlag()); }), plan.scene,
+      options);
+  if (!made) return made.error();
+  Stage& stage = **made;
+  stage.resize(size.first, size.second);
+  stage.setCamera(camera);
   std::vector<double> whole;
   std::vector<std::vector<double>> above(plan.parts.size());
   for (int round = 0; round < kTimedRounds; ++round)
     for (size_t k = 0; k < std::max<size_t>(1, plan.parts.size()); ++k) {
-      auto with = movingFrameMs(**engine, plan.scene, camera);
+      auto with = movingFrameMs(stage, plan.scene, camera);
       if (!with) return with.error();
       whole.push_back(*with);
       if (k == plan.parts.size()) continue;
-      auto without = movingFrameMs(**engine, plan.parts[k].part.without, camera);
+      auto without = movingFrameMs(stage, plan.parts[k].part.without, camera);
       if (!without) return without.error();
       above[k].push_back(*with - *without);
     }
   plan.frame_ms = medianOf(whole);
   if (!plan.areas.empty() || plan.whole.plan.samples > 1) {
-    if (auto last = movingFrameMs(**engine, plan.scene, camera); !last) return last.error();
-    plan.refined_ms = refinedMs(**engine);
+    if (auto last = movingFrameMs(stage, plan.scene, camera); !last) return last.error();
+    plan.refined_ms = refinedMs(stage);
   }
   for (size_t k = 0; k < plan.parts.size(); ++k) plan.parts[k].ms = medianOf(above[k]);
   return {};
@@ -153,6 +165,14 @@ const char* glossNormals(const EffectPlan& plan) {
   return plan.mesh ? "the scan's" : "made of the relief";
 }
 
+void printWhatItTakes(const PlannedScene& scene) {
+  printOutf("  passes    %s\n", joined(scene.passes, ", ").c_str());
+  for (const PlannedPlane& p : scene.planes)
+    printOutf("  plane     %-10s %7.1f KiB a page in the package, %5.1f KiB on the GPU\n", p.name.c_str(),
+              p.stored_bytes / 1024, static_cast<double>(p.loaded_bytes) / 1024);
+  printOutf("  shader    %s\n", joined(briefly(scene.defines), ", ").c_str());
+}
+
 void print(const PlanOptions& o, const ScenePlan& plan, std::pair<int, int> size) {
   const PlannedScene& whole = plan.whole;
   printOutf("%s, %d x %d px\n", o.file.c_str(), size.first, size.second);
@@ -164,11 +184,12 @@ void print(const PlanOptions& o, const ScenePlan& plan, std::pair<int, int> size
   for (const std::string& area : plan.areas) printOutf("  average   %s\n", area.c_str());
   if (plan.shares_mib > 0)
     printOutf("  shares    %.1f MiB on the GPU for shares of light and their maps\n", plan.shares_mib);
-  printOutf("  passes    %s\n", joined(whole.passes, ", ").c_str());
-  for (const PlannedPlane& p : whole.planes)
-    printOutf("  plane     %-10s %7.1f KiB a page in the package, %5.1f KiB on the GPU\n", p.name.c_str(),
-              p.stored_bytes / 1024, static_cast<double>(p.loaded_bytes) / 1024);
-  printOutf("  shader    %s\n", joined(briefly(whole.defines), ", ").c_str());
+  if (plan.artworks.empty()) printWhatItTakes(whole);
+  for (const PlannedArtwork& artwork : plan.artworks) {
+    printOutf("%s\n", artwork.name.c_str());
+    printWhatItTakes(artwork.plan);
+  }
+  if (!plan.artworks.empty()) printOutf("all of them\n  passes    composition, after those\n");
   if (plan.frame_ms)
     printOutf("  frame     %.1f ms while the camera moves (%s)\n", *plan.frame_ms, plan.renderer.c_str());
   if (plan.refined_ms)
@@ -208,6 +229,11 @@ std::string planJson(const PlanOptions& o, const ScenePlan& plan, std::pair<int,
   json["renderer"] = plan.renderer;
   json["lights"] = plan.lights;
   json["shading"] = plan.shading;
+  for (const PlannedArtwork& artwork : plan.artworks) {
+    nlohmann::ordered_json one = {{"artwork", artwork.name}};
+    one.update(jsonOf(artwork.plan));
+    json["artworks"].push_back(std::move(one));
+  }
   json["parts"] = nlohmann::ordered_json::array();
   for (const CostedPart& c : plan.parts) {
     nlohmann::ordered_json part = {{"name", c.part.name}, {"meaning", c.part.meaning}};
@@ -216,6 +242,58 @@ std::string planJson(const PlanOptions& o, const ScenePlan& plan, std::pair<int,
     json["parts"].push_back(std::move(part));
   }
   return json.dump(2) + "\n";
+}
+
+// Of the artworks as they stand, together.
+Result<PlannedScene> plannedTogether(const Scene& scene, const SceneArtworks& artworks,
+                                     std::vector<PlannedScene>* each = nullptr) {
+  std::vector<PlannedScene> all;
+  for (const OpenedArtwork& opened : artworks.opened) {
+    auto one = planScene(scene, *opened.package);
+    if (!one) return one.error();
+    all.push_back(std::move(*one));
+  }
+  PlannedScene whole = together(all);
+  if (each) *each = std::move(all);
+  return whole;
+}
+
+// But for what is measured.
+Result<ScenePlan> planOf(const Scene& scene, const SceneArtworks& artworks, std::pair<int, int> px) {
+  std::vector<const Manifest*> manifests;
+  for (size_t i = 0; i < artworks.named.size(); ++i) {
+    manifests.push_back(&artworks.package(i).manifest());
+    Scene own = scene;
+    own.pose = artworks.named[i].pose;
+    if (const std::string problem = sceneProblem(own, *manifests[i]); !problem.empty())
+      return Error{ErrorKind::kUsage, artworks.named[i].file, problem, "", {}};
+  }
+  ScenePlan plan;
+  plan.scene = scene;
+  std::vector<PlannedScene> each;
+  auto whole = plannedTogether(scene, artworks, &each);
+  if (!whole) return whole.error();
+  plan.whole = std::move(*whole);
+  if (scene.shading.isOn()) plan.shading = shadingText(scene.shading, *manifests[0]);
+  std::vector<PlacedExtent> flat_extents;
+  for (size_t i = 0; i < manifests.size(); ++i)
+    flat_extents.push_back({artworkExtent(*manifests[i], 0), artworks.named[i].pose});
+  const glm::dvec3 middle = worldExtent(flat_extents).centre();
+  if (plan.whole.plan.lights > 0)
+    for (const SceneLight& light : shadedLights(scene.lights)) {
+      const char* shadows = !plan.whole.plan.shadows ? "" : light.near ? ", no shadows" : ", shadows";
+      plan.lights.push_back(lightText(light, middle) + shadows);
+    }
+  for (ScenePart& part : partsOf(scene, manifests)) {
+    auto without = plannedTogether(part.without, artworks);
+    if (!without) return without.error();
+    plan.parts.push_back({std::move(part), std::move(*without), {}});
+  }
+  for (size_t i = 0; i < each.size(); ++i) {
+    noteShares(plan, each[i].plan, manifests[i]->domain.isFlat(), px);
+    if (artworks.several()) plan.artworks.push_back({artworks.nameOf(i), std::move(each[i])});
+  }
+  return plan;
 }
 
 Result<void> plan(PlanOptions& o) {
@@ -229,35 +307,19 @@ Result<void> plan(PlanOptions& o) {
   if (auto taken = o.scene.takeSettings(); !taken) return taken;
   auto scene = o.scene.scene();
   if (!scene) return scene.error();
-  if (auto good = checkOutputs({{"--json", o.json_file}}, {{"FILE", o.file}, {"the scene", o.scene.scene_file}}); !good)
-    return good;
-  auto artwork = openArtwork(o.file, o.cache);
-  if (!artwork) return artwork.error();
-  const Manifest& manifest = artwork->package->manifest();
-  if (const std::string problem = sceneProblem(*scene, manifest); !problem.empty())
-    return Error{ErrorKind::kUsage, o.file, problem, "", {}};
-  ScenePlan plan;
-  plan.scene = *scene;
-  auto whole = planScene(*scene, *artwork->package);
-  if (!whole) return whole.error();
-  plan.whole = std::move(*whole);
-  if (scene->shading.isOn()) plan.shading = shadingText(scene->shading, manifest);
-  if (plan.whole.plan.lights > 0)
-    for (const SceneLight& light : shadedLights(scene->lights)) {
-      const char* shadows = !plan.whole.plan.shadows ? "" : light.near ? ", no shadows" : ", shadows";
-      plan.lights.push_back(lightText(light, artworkMiddle(manifest)) + shadows);
-    }
-  for (ScenePart& part : partsOf(*scene, manifest)) {
-    auto without = planScene(part.without, *artwork->package);
-    if (!without) return without.error();
-    plan.parts.push_back({std::move(part), std::move(*without), {}});
-  }
+  std::vector<NamedFile> inputs = inputsOf(o.scene.artworksOf(o.file));
+  inputs.push_back({"the scene", o.scene.scene_file});
+  if (auto good = checkOutputs({{"--json", o.json_file}}, inputs); !good) return good;
+  auto artworks = openArtworks(o.scene.artworksOf(o.file), o.cache);
+  if (!artworks) return artworks.error();
   const std::pair<int, int> px{static_cast<int>(size->first), static_cast<int>(size->second)};
-  noteShares(plan, manifest.domain.isFlat(), px);
+  auto planned = planOf(*scene, *artworks, px);
+  if (!planned) return planned.error();
+  ScenePlan& plan = *planned;
   if (o.measure) {
-    auto camera = o.scene.camera(artworkExtent(manifest, scene->relief ? scene->exaggerate : 0), px.first, px.second);
+    auto camera = o.scene.camera(artworks->placed(*scene), px.first, px.second);
     if (!camera) return camera.error();
-    if (auto done = measure(plan, artwork->package, *camera, px, o.scene.engineOptions()); !done) return done;
+    if (auto done = measure(plan, *artworks, *camera, px, o.scene.engineOptions()); !done) return done;
   }
   print(o, plan, px);
   return writeTextOutput(o.json_file, planJson(o, plan, px));

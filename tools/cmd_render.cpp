@@ -3,6 +3,7 @@
 #include <array>
 #include <chrono>
 #include <cstdio>
+#include <functional>
 #include <memory>
 #include <span>
 #include <tuple>
@@ -14,7 +15,7 @@
 #include "src/base/file.h"
 #include "src/base/heap.h"
 #include "src/base/progress.h"
-#include "src/engine/engine.h"
+#include "src/engine/stage.h"
 #include "src/gl/context.h"
 #include "src/render/over_background.h"
 #include "texturing/import/image_io.h"
@@ -23,6 +24,7 @@
 #include "tools/commands.h"
 #include "tools/output_files.h"
 #include "tools/picture_sequence.h"
+#include "tools/scene_artworks.h"
 #include "tools/scene_options.h"
 #include "tools/source_options.h"
 
@@ -62,11 +64,11 @@ Error drawnWithout(const PageFailures& failures, const EngineStats& stats, const
 struct FrameTimes {
   std::vector<double> moving, still;  // ms
 };
-FrameTimes timeFrames(Engine& engine, const OrbitCamera& camera, int frames) {
+FrameTimes timeFrames(Stage& stage, const OrbitCamera& camera, int frames) {
   FrameTimes ms;
-  ms.moving = movingFramesMs(engine, camera, frames);
-  for (int i = 0; i < 3 && frames > 0; ++i) timedFrameMs(engine);  // the last move's list arrives
-  for (int i = 0; i < frames && !interruptedFlag(); ++i) ms.still.push_back(timedFrameMs(engine));
+  ms.moving = movingFramesMs(stage, camera, frames);
+  for (int i = 0; i < 3 && frames > 0; ++i) timedFrameMs(stage);  // the last move's list arrives
+  for (int i = 0; i < frames && !interruptedFlag(); ++i) ms.still.push_back(timedFrameMs(stage));
   return ms;
 }
 
@@ -75,14 +77,14 @@ struct Sight {
   int width = 0, height = 0;
   OrbitCamera camera;
 };
-Result<Sight> sightOf(const RenderOptions& o, const Extent& extent, std::pair<int64_t, int64_t> size) {
+Result<Sight> sightOf(const RenderOptions& o, std::span<const PlacedExtent> placed, std::pair<int64_t, int64_t> size) {
   Sight sight{static_cast<int>(size.first), static_cast<int>(size.second), {}};
   if (o.scene.mm_per_px && o.size.empty()) {
-    auto all = o.scene.sizeAtScale(extent, extent, static_cast<int>(kMaxSidePx));
+    auto all = o.scene.sizeAtScale(placed, static_cast<int>(kMaxSidePx));
     if (!all) return all.error();
     std::tie(sight.width, sight.height) = *all;
   }
-  auto camera = o.scene.cameraAt(extent, sight.width, sight.height, o.time_s.value_or(0));
+  auto camera = o.scene.cameraAt(placed, sight.width, sight.height, o.time_s.value_or(0));
   if (!camera) return camera.error();
   sight.camera = *camera;
   return sight;
@@ -102,24 +104,24 @@ Result<void> checkNumbered(const RenderOptions& o, const std::vector<NamedFile>&
   return {};
 }
 
-// Artwork and outputs, none of which may take another's place.
-Result<OpenedArtwork> openApart(const RenderOptions& o) {
+// Artworks and outputs, none of which may take another's place.
+Result<SceneArtworks> openApart(const RenderOptions& o) {
   const std::string output = o.numbered ? o.numbered->at(0) : o.output;
-  const std::vector<NamedFile> inputs{{"FILE", o.file},
-                                      {"the scene", o.scene.scene_file},
-                                      {"--state", o.scene.state_file},
-                                      {"--settings", o.scene.settings_file}};
+  const std::vector<SceneArtwork> artworks_named = o.scene.artworksOf(o.file);
+  std::vector<NamedFile> inputs = inputsOf(artworks_named);
+  inputs.push_back({"the scene", o.scene.scene_file});
+  inputs.push_back({"--state", o.scene.state_file});
+  inputs.push_back({"--settings", o.scene.settings_file});
   if (auto good = checkOutputs({{"-o", output, Content::kPicture}, {"--stats", o.stats_file}}, inputs); !good)
     return good.error();
   if (auto good = checkNumbered(o, inputs); !good) return good.error();
   if (auto format = imageFormatOf(output); !format) return format.error();
-  auto artwork = openArtwork(o.file, o.cache);
-  if (!artwork) return artwork.error();
-  std::vector<NamedFile> named;
-  for (const std::string& path : artwork->named_files) named.push_back({path + ", which FILE names", path});
+  auto artworks = openArtworks(artworks_named, o.cache);
+  if (!artworks) return artworks.error();
+  const std::vector<NamedFile> named = namedInputsOf(*artworks);
   if (auto good = checkApart({{"-o", output}, {"--stats", o.stats_file}}, named); !good) return good.error();
   if (auto good = checkNumbered(o, named); !good) return good.error();
-  return artwork;
+  return artworks;
 }
 
 // --time, --fps, and --frames with several pictures, are of a scene that moves.
@@ -161,55 +163,62 @@ Result<void> takeFiles(RenderOptions& o) {
   return o.scene.takeSettings();
 }
 
-// Of effects that the scene asks for and this artwork has no use for.
-void warnOfNothing(const Scene& scene, const EffectPlan& plan) {
+bool anyOf(const Stage& stage, const std::function<bool(const EffectPlan&)>& has) {
+  for (size_t i = 0; i < stage.size(); ++i)
+    if (has(stage.engine(i).plan())) return true;
+  return false;
+}
+
+// Of effects that the scene asks for and no artwork has a use for.
+void warnOfNothing(const Scene& scene, const Stage& stage) {
   if (scene.shading.isOn()) return;
-  if (scene.ambient_occlusion.isOn() && !plan.ambient_occlusion)
+  if (scene.ambient_occlusion.isOn() && !anyOf(stage, [](const EffectPlan& p) { return p.ambient_occlusion; }))
     warn("--ambient-occlusion changes nothing: no relief is shown");
-  if (scene.gloss.isOn() && !plan.gloss)
+  if (scene.gloss.isOn() && !anyOf(stage, [](const EffectPlan& p) { return p.gloss; }))
     warn(std::string("--gloss changes nothing: ") + (scene.unlit ? "there is no light" : "no relief is shown"));
 }
 
 // What is drawn, and how.
 struct Work {
   const RenderOptions& o;
-  const OpenedArtwork& artwork;
+  const SceneArtworks& artworks;
   const Scene& scene;
-  const Extent& extent;
+  std::span<const PlacedExtent> placed;
   const Sight& sight;
   const std::array<double, 3>& background;
 };
 
-Result<std::unique_ptr<Engine>> engineFor(const Work& w) {
-  auto engine = Engine::create(w.o.source.artwork(w.artwork.package), w.scene, w.o.scene.engineOptions());
-  if (engine) (*engine)->resize(w.sight.width, w.sight.height);
-  return engine;
+Result<std::unique_ptr<Stage>> stageFor(const Work& w) {
+  auto stage = Stage::create(w.artworks.staged([&](const auto& package) { return w.o.source.artwork(package); }),
+                             w.scene, w.o.scene.engineOptions());
+  if (stage) (*stage)->resize(w.sight.width, w.sight.height);
+  return stage;
 }
 
 // Camera and lights at a time.
-Result<void> setMoment(const Work& w, Engine& e, double time_s) {
-  auto camera = w.o.scene.cameraAt(w.extent, w.sight.width, w.sight.height, time_s);
+Result<void> setMoment(const Work& w, Stage& stage, double time_s) {
+  auto camera = w.o.scene.cameraAt(w.placed, w.sight.width, w.sight.height, time_s);
   if (!camera) return camera.error();
-  e.setCamera(*camera);
+  stage.setCamera(*camera);
   if (!w.o.scene.animation.isOn()) return {};
-  return e.setScene(sceneAt(w.o.scene.animation, w.scene, time_s));
+  return stage.setScene(sceneAt(w.o.scene.animation, w.scene, time_s));
 }
 
-Result<std::vector<uint8_t>> pictureOf(const Work& w, Engine& e) {
+Result<std::vector<uint8_t>> pictureOf(const Work& w, Stage& stage) {
   if (w.o.settle) {
-    if (auto settled = e.settle(w.o.timeout_s); !settled) return settled.error();
+    if (auto settled = stage.settle(w.o.timeout_s); !settled) return settled.error();
   } else {
-    e.frame(steadyNow());
+    stage.frame(steadyNow());
   }
   const auto& b = w.background;
-  return overBackground(e.readPixels(),
+  return overBackground(stage.readPixels(),
                         {static_cast<uint8_t>(b[0]), static_cast<uint8_t>(b[1]), static_cast<uint8_t>(b[2])});
 }
 
-Result<void> checkDamage(const Work& w, const Engine& e) {
-  const PageFailures failures = e.failures();
+Result<void> checkDamage(const Work& w, const Stage& stage) {
+  const PageFailures failures = stage.failures();
   if (failures.pages == 0) return {};
-  const Error error = drawnWithout(failures, e.stats(), w.o.file);
+  const Error error = drawnWithout(failures, stage.stats(), w.o.file);
   if (!w.o.allow_damage) return error;
   warn(error.text());
   return {};
@@ -218,43 +227,44 @@ Result<void> checkDamage(const Work& w, const Engine& e) {
 Result<void> writePicture(const Work& w, const std::string& path, const OrbitCamera& camera,
                           std::span<const uint8_t> rgb) {
   return writeImage(path, w.sight.width, w.sight.height, 3, rgb,
-                    camera.orthographic && w.extent.size_known ? mmPerPx(camera, w.sight.height) : 0);
+                    camera.orthographic && worldExtent(w.placed).size_known ? mmPerPx(camera, w.sight.height) : 0);
 }
 
-// Of what the scene asks for and this artwork has no use for.
-void warnOfLight(const Work& w, const Engine& e) {
+// Of what the scene asks for and no artwork has a use for.
+void warnOfLight(const Work& w, const Stage& stage) {
   const Scene& scene = w.scene;
-  if (!(w.o.scene.light.empty() && scene.lights.empty()) && !scene.unlit && !scene.shading.isOn() && !e.plan().lit())
+  if (!(w.o.scene.light.empty() && scene.lights.empty()) && !scene.unlit && !scene.shading.isOn() &&
+      !anyOf(stage, [](const EffectPlan& p) { return p.lit(); }))
     warn(std::string(scene.lights.empty() ? "--light changes" : "lights change") + " nothing: an image " +
-         (w.artwork.package->manifest().domain.relief_depth < 0 ? "without a height map" : "without its relief") +
+         (w.artworks.package(0).manifest().domain.relief_depth < 0 ? "without a height map" : "without its relief") +
          " is shown unlit");
-  warnOfNothing(scene, e.plan());
+  warnOfNothing(scene, stage);
 }
 
-// Each picture is that of its moment alone: the engine's settled pictures do not depend on those before. Where the
-// cache is short of room they may, and the next picture gets another engine.
+// Each picture is that of its moment alone: settled pictures do not depend on those before. Where the cache is short of
+// room they may, and the next picture gets another stage.
 Result<void> renderSequence(const Work& w) {
   const std::vector<double> moments = pictureMoments(w.o);
-  std::unique_ptr<Engine> engine;
+  std::unique_ptr<Stage> stage;
   ProgressLine progress("render");
   for (size_t i = 0; i < moments.size(); ++i) {
     if (interruptedFlag()) return Error{.kind = ErrorKind::kInterrupted, .message = "interrupted"};
-    if (!engine) {
-      auto made = engineFor(w);
+    if (!stage) {
+      auto made = stageFor(w);
       if (!made) return made.error();
-      engine = std::move(*made);
+      stage = std::move(*made);
     }
-    if (auto set = setMoment(w, *engine, moments[i]); !set) return set;
-    auto rgb = pictureOf(w, *engine);
+    if (auto set = setMoment(w, *stage, moments[i]); !set) return set;
+    auto rgb = pictureOf(w, *stage);
     if (!rgb) return rgb.error();
-    if (auto sound = checkDamage(w, *engine); !sound) return sound;
-    if (i == 0) warnOfLight(w, *engine);
-    for (const std::string& notice : engine->takeNotices()) warn(notice);
-    if (auto written = writePicture(w, w.o.numbered->at(static_cast<int>(i)), engine->camera(), *rgb); !written)
+    if (auto sound = checkDamage(w, *stage); !sound) return sound;
+    if (i == 0) warnOfLight(w, *stage);
+    for (const std::string& notice : stage->takeNotices()) warn(notice);
+    if (auto written = writePicture(w, w.o.numbered->at(static_cast<int>(i)), stage->camera(), *rgb); !written)
       return written;
     progress.update(static_cast<double>(i + 1) / static_cast<double>(moments.size()),
                     "picture " + std::to_string(i + 1) + " of " + std::to_string(moments.size()));
-    if (engine->stats().detail_bias > 0) engine.reset();
+    if (stage->stats().detail_bias > 0) stage.reset();
   }
   return {};
 }
@@ -277,10 +287,10 @@ Result<void> render(RenderOptions& o) {
                         "for example R,G,B: 24,24,26");
   auto scene = o.scene.scene();
   if (!scene) return scene.error();
-  auto artwork = openApart(o);
-  if (!artwork) return artwork.error();
-  const Extent extent = artworkExtent(artwork->package->manifest(), scene->relief ? scene->exaggerate : 0);
-  auto sight = sightOf(o, extent, *size);
+  auto artworks = openApart(o);
+  if (!artworks) return artworks.error();
+  const std::vector<PlacedExtent> placed = artworks->placed(*scene);
+  auto sight = sightOf(o, placed, *size);
   if (!sight) return sight.error();
   const OrbitCamera& camera = sight->camera;
 
@@ -288,23 +298,23 @@ Result<void> render(RenderOptions& o) {
   if (!context) return context.error();
   heap.finish((*context)->info().software);
   double context_s = steadyNow() - start;
-  const Work work{o, *artwork, *scene, extent, *sight, *background};
+  const Work work{o, *artworks, *scene, placed, *sight, *background};
   if (o.numbered) return renderSequence(work);
-  auto engine = engineFor(work);
-  if (!engine) return engine.error();
-  Engine& e = **engine;
-  if (auto set = setMoment(work, e, o.time_s.value_or(0)); !set) return set;
-  auto rgb = pictureOf(work, e);
+  auto made = stageFor(work);
+  if (!made) return made.error();
+  Stage& stage = **made;
+  if (auto set = setMoment(work, stage, o.time_s.value_or(0)); !set) return set;
+  auto rgb = pictureOf(work, stage);
   if (!rgb) return rgb.error();
   double settled_s = steadyNow() - start;
-  const FrameTimes ms = timeFrames(e, camera, o.frames);
-  if (auto sound = checkDamage(work, e); !sound) return sound;
-  for (const std::string& notice : e.takeNotices()) warn(notice);
+  const FrameTimes ms = timeFrames(stage, camera, o.frames);
+  if (auto sound = checkDamage(work, stage); !sound) return sound;
+  for (const std::string& notice : stage.takeNotices()) warn(notice);
   if (auto written = writePicture(work, o.output, camera, *rgb); !written) return written;
-  warnOfLight(work, e);
+  warnOfLight(work, stage);
 
   if (!o.stats_file.empty()) {
-    auto stats = nlohmann::ordered_json::parse(engineStatsJson(e.stats(), e.manifest()));
+    auto stats = nlohmann::ordered_json::parse(stage.statsJson());
     stats["context_ms"] = context_s * 1000;
     stats["settled_ms"] = settled_s * 1000;
     stats["settled_at_s"] = start + settled_s;  // of the steady clock, for who started the program
@@ -332,12 +342,12 @@ void addRenderCommand(CLI::App& app, CommandContext& context) {
       "--mm-per-px 0.05\n\n"
       "A scene that moves (camera_path, lights with keys), as pictures of a film:\n  relievo render scene.json -o "
       "frame-%04d.png --fps 25");
-  c->add_option(
-       "FILE", o->file,
-       "Artwork to draw: a package, a .ptm, an image or a scan (.ply, .obj, .stl, .off, .glb, .gltf); what is "
-       "no package "
-       "is built into one and kept (--cache-dir); or a scene (.json: relievo plan --schema), whose artwork is drawn as "
-       "it says; options given beside it win")
+  c->add_option("FILE", o->file,
+                "Artwork to draw: a package, a .ptm, an image or a scan (.ply, .obj, .stl, .off, .glb, .gltf); what is "
+                "no package "
+                "is built into one and kept (--cache-dir); or a scene (.json: relievo plan --schema), whose artworks "
+                "are drawn as "
+                "it says; options given beside it win")
       ->required();
   c->add_option("-o,--output", o->output,
                 "Picture to write; its name says the format: .png, .tif, .exr (linear light, half floats) or .jpg. - "
@@ -353,8 +363,9 @@ void addRenderCommand(CLI::App& app, CommandContext& context) {
   c->add_flag("--allow-damage", o->allow_damage,
               "Draw what is there, and stand-ins where pages are damaged or cannot be read: a warning in the place of "
               "exit code 3 or 2");
-  c->add_option("--timeout", o->timeout_s,
-                "Give up settling after this time, s; at once where the view needs more than --cache-mib holds")
+  c->add_option(
+       "--timeout", o->timeout_s,
+       "Give up settling after this time, s, of each artwork; at once where the view needs more than --cache-mib holds")
       ->check(CLI::Range(0.1, 86400.0))
       ->capture_default_str();
   c->add_option(

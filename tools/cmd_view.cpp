@@ -12,6 +12,7 @@
 #include "tools/artwork_cache.h"
 #include "tools/commands.h"
 #include "tools/output_files.h"
+#include "tools/scene_artworks.h"
 #include "tools/scene_options.h"
 #include "tools/source_options.h"
 
@@ -32,7 +33,10 @@ struct ViewOptions {
 std::string snapshotScene(const ViewOptions& o, const OrbitCamera& camera, const Scene& shown, int width_px,
                           int height_px) {
   std::error_code ignored;
-  SceneFile s = o.scene.sceneFile(std::filesystem::absolute(o.file, ignored).lexically_normal().string());
+  std::vector<SceneArtwork> artworks = o.scene.artworksOf(o.file);
+  for (SceneArtwork& one : artworks)
+    one.file = std::filesystem::absolute(one.file, ignored).lexically_normal().string();
+  SceneFile s = o.scene.sceneFile(artworks);
   const glm::dvec3& target = camera.target_mm;
   s.camera = {camera.azimuth_deg,
               camera.elevation_deg,
@@ -74,21 +78,16 @@ Result<void> view(ViewOptions& o) {
   if (auto taken = o.scene.takeSettings(); !taken) return taken;
   auto scene = o.scene.scene();
   if (!scene) return scene.error();
-  if (auto good = checkOutputs({{"--snapshot", o.viewer.snapshot_file, Content::kPicture}},
-                               {{"FILE", o.file},
-                                {"the scene", o.scene.scene_file},
-                                {"--state", o.scene.state_file},
-                                {"--settings", o.scene.settings_file}});
-      !good)
-    return good;
+  std::vector<NamedFile> inputs = inputsOf(o.scene.artworksOf(o.file));
+  inputs.push_back({"the scene", o.scene.scene_file});
+  inputs.push_back({"--state", o.scene.state_file});
+  inputs.push_back({"--settings", o.scene.settings_file});
+  if (auto good = checkOutputs({{"--snapshot", o.viewer.snapshot_file, Content::kPicture}}, inputs); !good) return good;
   if (auto format = imageFormatOf(o.viewer.snapshot_file); !o.viewer.snapshot_file.empty() && !format)
     return format.error();
-  auto artwork = openArtwork(o.file, o.cache);
-  if (!artwork) return artwork.error();
-  std::vector<NamedFile> named;
-  for (const std::string& path : artwork->named_files) named.push_back({path + ", which FILE names", path});
-  if (auto good = checkApart({{"--snapshot", o.viewer.snapshot_file}}, named); !good) return good;
-  const auto* package = &artwork->package;
+  auto artworks = openArtworks(o.scene.artworksOf(o.file), o.cache);
+  if (!artworks) return artworks.error();
+  if (auto good = checkApart({{"--snapshot", o.viewer.snapshot_file}}, namedInputsOf(*artworks)); !good) return good;
   const std::filesystem::path path(o.file);
   o.viewer.title = path.filename().string() + " - Relievo";
   o.viewer.snapshot_stem = path.stem().string();
@@ -101,13 +100,13 @@ Result<void> view(ViewOptions& o) {
                          : o.exact_still == "off" ? ExactStill::kOff
                                                   : ExactStill::kAuto;
   o.viewer.engine = o.scene.engineOptions();
-  o.viewer.camera = [&](const Extent& extent, int width_px, int height_px) {
-    return o.scene.cameraAt(extent, width_px, height_px, 0);
+  o.viewer.camera = [&](std::span<const PlacedExtent> placed, int width_px, int height_px) {
+    return o.scene.cameraAt(placed, width_px, height_px, 0);
   };
   o.viewer.scene_text = [&](const OrbitCamera& camera, const Scene& shown, int width_px, int height_px) {
     return snapshotScene(o, camera, shown, width_px, height_px);
   };
-  return runViewer(o.source.artwork(*package), o.viewer);
+  return runViewer(artworks->staged([&](const auto& package) { return o.source.artwork(package); }), o.viewer);
 }
 
 }  // namespace

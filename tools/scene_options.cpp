@@ -94,7 +94,8 @@ void SceneOptions::addCamera(CLI::App& c) {
   c.add_option("--elevation", elevation, "Eye above straight ahead, degrees, -89 to 89 [0]");
   c.add_option("--distance", distance, "Eye to target, mm [so that all is in view]");
   c.add_option("--target", target,
-               "X,Y,Z that the camera looks at, mm from the artwork's centre (of a scan: from its base mesh's origin) "
+               "X,Y,Z that the camera looks at, mm from the artwork's centre (of a scan: from its base mesh's origin; "
+               "with poses: in their world) "
                "[its middle]");
   c.add_option("--fov", fov, "Vertical field of view, degrees, 1 to 170; of perspective [35]");
   auto* parallel = c.add_flag(
@@ -386,13 +387,25 @@ Result<std::optional<SceneFile>> SceneOptions::takeScene(std::string& file, std:
   takeSettingsOf(s.settings);
   if (s.samples && !given("--samples")) samples = *s.samples;
   if (s.size_px && size.empty()) size = std::to_string((*s.size_px)[0]) + "x" + std::to_string((*s.size_px)[1]);
-  scene_file = std::exchange(file, s.artwork);
+  scene_pose = s.pose;
+  scene_artworks = s.artworks;
+  scene_file = file;
+  if (s.artworks.empty()) file = s.artwork;
   return std::optional<SceneFile>(std::move(*read));
 }
 
-SceneFile SceneOptions::sceneFile(const std::string& artwork) const {
+std::vector<SceneArtwork> SceneOptions::artworksOf(const std::string& file) const {
+  return scene_artworks.empty() ? std::vector<SceneArtwork>{{file, scene_pose}} : scene_artworks;
+}
+
+SceneFile SceneOptions::sceneFile(const std::vector<SceneArtwork>& artworks) const {
   SceneFile s;
-  s.artwork = artwork;
+  if (artworks.size() == 1) {
+    s.artwork = artworks[0].file;
+    s.pose = artworks[0].pose;
+  } else {
+    s.artworks = artworks;
+  }
   if (no_relight) s.light_fixed = true;
   if (no_relief) s.relief = false;
   if (unlit) s.unlit = true;
@@ -476,6 +489,7 @@ Result<Scene> SceneOptions::scene() const {
   s.wireframe = wireframe;
   s.effects = effects;
   s.overlay = findEffect(show);
+  s.pose = scene_pose;
   return s;
 }
 
@@ -494,9 +508,11 @@ Result<void> SceneOptions::checkProjection() const {
   return {};
 }
 
-Result<OrbitCamera> SceneOptions::camera(const Extent& extent, int width_px, int height_px) const {
+Result<OrbitCamera> SceneOptions::camera(std::span<const PlacedExtent> placed, int width_px, int height_px) const {
   if (auto good = checkProjection(); !good) return good.error();
-  if (mm_per_px && !extent.size_known) {
+  const bool size_known =
+      std::all_of(placed.begin(), placed.end(), [](const PlacedExtent& one) { return one.extent.size_known; });
+  if (mm_per_px && !size_known) {
     return usageError("--mm-per-px needs the artwork's size, which its package does not know",
                       "build it with --mm-per-pixel, or give --orthographic with --distance");
   }
@@ -507,7 +523,7 @@ Result<OrbitCamera> SceneOptions::camera(const Extent& extent, int width_px, int
   fov_deg = fov.value_or(fov_deg);
   if (!(fov_deg >= kMinFovDeg && fov_deg <= kMaxFovDeg))
     return usageError("expected a field of view from 1 to 170 degrees", "--fov 35 is a good start");
-  OrbitCamera c = fitCamera(extent, width_px, height_px, fov_deg);
+  OrbitCamera c = fitCamera(placed, width_px, height_px, fov_deg);
   if (state->contains("orthographic")) {
     const auto& parallel = (*state)["orthographic"];
     if (!parallel.is_boolean())
@@ -532,7 +548,7 @@ Result<OrbitCamera> SceneOptions::camera(const Extent& extent, int width_px, int
   if (!std::isfinite(c.azimuth_deg)) return usageError("expected a finite --azimuth in degrees");
   if (!(c.elevation_deg >= -89 && c.elevation_deg <= 89))
     return usageError("expected --elevation from -89 to 89 degrees");
-  c.distance_mm = fitDistance(c, extent, width_px, height_px);
+  c.distance_mm = fitDistance(c, placed, width_px, height_px);
   if (auto r = take(*state, "distance_mm", state_file, &c.distance_mm); !r) return r.error();
   c.distance_mm = distance.value_or(c.distance_mm);
   if (mm_per_px) c.distance_mm = distanceForScale(c, *mm_per_px, height_px);
@@ -540,26 +556,26 @@ Result<OrbitCamera> SceneOptions::camera(const Extent& extent, int width_px, int
   return c;
 }
 
-Result<OrbitCamera> SceneOptions::cameraAt(const Extent& extent, int width_px, int height_px, double time_s) const {
-  auto base = camera(extent, width_px, height_px);
+Result<OrbitCamera> SceneOptions::cameraAt(std::span<const PlacedExtent> placed, int width_px, int height_px,
+                                           double time_s) const {
+  auto base = camera(placed, width_px, height_px);
   const auto says = [](const CameraKey& key) { return key.distance_mm || key.mm_per_px; };
   if (!base || animation.camera.empty()) return base;
   if (!distance && !mm_per_px && std::none_of(animation.camera.begin(), animation.camera.end(), says)) {
     constexpr int kMoments = 256;
     for (int i = 0; i <= kMoments; ++i) {
       const OrbitCamera then = relievo::cameraAt(animation, *base, height_px, animation.duration_s * i / kMoments);
-      base->distance_mm = std::max(base->distance_mm, fitDistance(then, extent, width_px, height_px));
+      base->distance_mm = std::max(base->distance_mm, fitDistance(then, placed, width_px, height_px));
     }
   }
   return relievo::cameraAt(animation, *base, height_px, time_s);
 }
 
-Result<std::pair<int, int>> SceneOptions::sizeAtScale(const Extent& extent, const Extent& whole,
-                                                      int max_side_px) const {
-  auto c = camera(extent, 1, 1);
+Result<std::pair<int, int>> SceneOptions::sizeAtScale(std::span<const PlacedExtent> placed, int max_side_px) const {
+  auto c = camera(placed, 1, 1);
   if (!c) return c.error();
   // Rounding of what is a whole number of pixels must not add one.
-  const glm::dvec2 px = glm::max(glm::ceil(orthographicSize(*c, whole) / *mm_per_px - 1e-6), glm::dvec2(1));
+  const glm::dvec2 px = glm::max(glm::ceil(orthographicSize(*c, placed) / *mm_per_px - 1e-6), glm::dvec2(1));
   if (!(std::max(px.x, px.y) <= max_side_px)) {
     char text[120];
     std::snprintf(text, sizeof text, "at %g mm a px all of the artwork is %.0f x %.0f px, at most %d x %d can be drawn",

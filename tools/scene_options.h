@@ -2,6 +2,7 @@
 #pragma once
 
 #include <optional>
+#include <span>
 #include <string>
 #include <utility>
 
@@ -35,28 +36,33 @@ struct SceneOptions {
   int feedback_scale = 8, feedback_interval = 1;
   std::string upload = "auto", depth = "auto";
   bool prefetch = true;
-  ReliefShading scene_shading;           // of the scene's file, where --shading does not say otherwise
-  std::vector<SceneLight> scene_lights;  // of the scene's file, where neither --light nor --lights says otherwise
-  SceneAnimation animation;              // of the scene's file, but for what options of the command line hold still
-  std::vector<EffectSetting> effects;    // all that have parameters, on or off
+  ReliefShading scene_shading;               // of the scene's file, where --shading does not say otherwise
+  std::vector<SceneLight> scene_lights;      // of the scene's file, where neither --light nor --lights says otherwise
+  Pose scene_pose;                           // of the scene's file
+  std::vector<SceneArtwork> scene_artworks;  // of the scene's file, where it has several; usually empty
+  SceneAnimation animation;                  // of the scene's file, but for what options of the command line hold still
+  std::vector<EffectSetting> effects;        // all that have parameters, on or off
 
   // In groups: camera, light, accuracy, appearance, storage, diagnostics.
   void addTo(CLI::App& command);
-  // Where `file`, an input, is a scene: it becomes the scene's artwork, and what else the scene says counts where no
-  // option of the command line says it; `size`, of a picture, where it is empty. Empty: it is none. Call it once,
-  // before takeSettings().
+  // Where `file`, an input, is a scene: it becomes the scene's artwork, unless it has several, and what else the scene
+  // says counts where no option of the command line says it; `size`, of a picture, where it is empty. Empty: it is
+  // none. Call it once, before takeSettings().
   Result<std::optional<SceneFile>> takeScene(std::string& file, std::string& size);
   // What --settings says, where no option of the command line says it. Call it once, before the functions below.
   Result<void> takeSettings();
-  // These options as a scene, but for the camera and the light. artwork: as the file is to name it.
-  SceneFile sceneFile(const std::string& artwork) const;
+  // After takeScene(), of its `file`: what is shown.
+  std::vector<SceneArtwork> artworksOf(const std::string& file) const;
+  // These options as a scene, but for the camera and the light. artworks: as the file is to name them.
+  SceneFile sceneFile(const std::vector<SceneArtwork>& artworks) const;
   Result<Scene> scene() const;
-  Result<OrbitCamera> camera(const Extent& extent, int width_px, int height_px) const;
+  // placed: what the camera is to show; not empty.
+  Result<OrbitCamera> camera(std::span<const PlacedExtent> placed, int width_px, int height_px) const;
   // The same at a time of the animation. Where neither options nor the scene say how far the eye is, it is so far that
   // all stays in view all the time.
-  Result<OrbitCamera> cameraAt(const Extent& extent, int width_px, int height_px, double time_s) const;
-  // The picture of that camera that holds the `whole` at mm_per_px, which is given; at most max_side_px wide and high.
-  Result<std::pair<int, int>> sizeAtScale(const Extent& extent, const Extent& whole, int max_side_px) const;
+  Result<OrbitCamera> cameraAt(std::span<const PlacedExtent> placed, int width_px, int height_px, double time_s) const;
+  // The picture of that camera that holds all of it at mm_per_px, which is given; at most max_side_px wide and high.
+  Result<std::pair<int, int>> sizeAtScale(std::span<const PlacedExtent> placed, int max_side_px) const;
   EngineOptions engineOptions() const;
 
  private:

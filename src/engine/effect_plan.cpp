@@ -82,7 +82,8 @@ std::string sceneProblem(const Scene& scene, const Manifest& manifest) {
     if (!light.near) continue;
     if (basis.coefficients > 0 && basis.functions_file.empty())
       return title + " of the basis " + std::string(basis.name) + " can be lit from far away only, by no near light";
-    if (light.reference_mm == 0 && placedLight(light, glm::dmat3(1), artworkMiddle(manifest)).reference_mm == 0)
+    const glm::dvec3 middle = placeInWorld(scene.pose, artworkMiddle(manifest));
+    if (light.reference_mm == 0 && placedLight(light, glm::dmat3(1), middle).reference_mm == 0)
       return "a light in the middle of the artwork needs a distance at which its intensity is as stated (reference_mm)";
   }
   return "";
@@ -168,6 +169,17 @@ bool EffectPlan::samePages(const EffectPlan& other) const {
 std::array<double, 3> singleLight(const Scene& scene) {
   const SceneLight* far = firstFarLight(scene.lights);
   return normalizedLight(far ? far->place : scene.light);
+}
+
+std::array<double, 3> fixedLight(const Scene& scene) {
+  const std::array<double, 3> light = singleLight(scene);
+  if (!scene.pose.turns()) return light;
+  const glm::dvec3 turned = artworkFromWorld(scene.pose) * glm::dvec3(light[0], light[1], light[2]);
+  return {turned.x, turned.y, turned.z};
+}
+
+PlacedExtent placedExtent(const Scene& scene, const Manifest& manifest) {
+  return {artworkExtent(manifest, scene.relief ? scene.exaggerate : 0), scene.pose};
 }
 
 double singleLightSize(const Scene& scene) {

@@ -13,6 +13,7 @@
 #include "src/engine/effects/pixel_effect.h"
 #include "src/engine/effects/relief_shading.h"
 #include "src/gl/program.h"
+#include "src/render/camera.h"
 #include "texturing/codec/page_id.h"
 #include "texturing/package/package.h"
 
@@ -30,7 +31,7 @@ inline constexpr double kMaxSceneDetailBias = 6;
 
 struct Scene {
   // The direction towards the light: x right, y up, z to the viewer of a flat artwork's front; normalised on use. Over
-  // a base mesh the light turns with the camera if `relight` is set, and is fixed to the artwork if not.
+  // a base mesh the light turns with the camera if `relight` is set, and is fixed in the world if not.
   std::array<double, 3> light{0, 0, 1};
   double light_size_deg = 0;  // its angular diameter, for shadows (effects/soft_shadows.h); 0: they are hard
   // In the place of that one white light: up to kMaxLights, near or far away (effects/lights.h). Those far away turn as
@@ -76,6 +77,8 @@ struct Scene {
   int samples = 1;
   std::vector<EffectSetting> effects;    // applied to the shaded colour; each at most once
   const PixelEffect* overlay = nullptr;  // drawn over the picture
+  // Where the artwork stands; camera and lights are in the world. `shading` stays in the artwork's own space.
+  Pose pose;
   friend bool operator==(const Scene&, const Scene&) = default;
 };
 
@@ -134,9 +137,13 @@ struct EffectPlan {
 EffectPlan planEffects(const Scene& scene, const Manifest& manifest);
 // Why the artwork cannot be shown as the scene asks; empty: it can.
 std::string sceneProblem(const Scene& scene, const Manifest& manifest);
+// What is drawn of it, and where it stands.
+PlacedExtent placedExtent(const Scene& scene, const Manifest& manifest);
 std::string planeName(Plane plane, Basis basis);
 // Towards the first light that is far away; Scene::light where `lights` has none.
 std::array<double, 3> singleLight(const Scene& scene);
+// The same in the artwork's space, for a light that stays as the camera moves.
+std::array<double, 3> fixedLight(const Scene& scene);
 double singleLightSize(const Scene& scene);  // of that one, degrees
 std::array<double, 3> normalizedLight(const std::array<double, 3>& light);
 

@@ -27,6 +27,7 @@
 #include "src/render/base_corners.h"
 #include "src/render/block_formats.h"
 #include "src/render/depth_probe.h"
+#include "src/render/nearest_depth.h"
 #include "src/render/patch_pass.h"
 #include "src/render/picture_target.h"
 #include "src/render/sample_stack.h"
@@ -71,6 +72,7 @@ struct Engine::Impl {
   // resets `sampled`, and with it the picture is one sample again.
   std::unique_ptr<SampleStack> stack;
   int samples_in = 0;
+  std::optional<NearestDepth> nearest_depth;  // of those samples, where it is kept
   std::optional<TextureDemand::View> sampled;
   bool target_is_average = false;  // else `target` holds the last sample alone
   glm::dvec2 offset_px{0};         // of the sample that is being drawn
@@ -104,7 +106,10 @@ struct Engine::Impl {
     if (!extent || extent->first != exaggerate) extent = {exaggerate, artworkExtent(artwork.manifest, exaggerate)};
     return extent->second;
   }
-  ViewTransform viewOf(const OrbitCamera& of) const { return viewTransform(of, drawnExtent(), width, height); }
+  // In the artwork's space, as all that follows from it.
+  ViewTransform viewOf(const OrbitCamera& of) const {
+    return viewTransform(of, PlacedExtent{drawnExtent(), scene.pose}, width, height);
+  }
 
   ShadingPrograms::Variant programVariant() const {
     gl::Defines defines = plan.defines();
@@ -120,13 +125,27 @@ struct Engine::Impl {
             .shadow_adds = plan.soft_near,
             .faults = faults};
   }
+  // Artwork, scene, options and what follows from them, before any page is read.
+  Result<void> prepare(Artwork of, const Scene& with, const EngineOptions& given);
+  CacheNeed cacheNeed() const;
   Result<void> fitCache();
+  Result<void> makeNearestDepth() {
+    if (!options.keep_depth || plan.samples == 1) {
+      nearest_depth.reset();
+    } else if (!nearest_depth) {
+      auto made = NearestDepth::create(context.api);
+      if (!made) return made.error();
+      nearest_depth.emplace(std::move(*made));
+    }
+    return {};
+  }
   Result<void> linkPrograms() {
     surface_drawn = {};
     shading->forget(plan);
     sampled.reset();
     if (plan.samples == 1) stack.reset();
     else if (!stack || stack->samples() != plan.samples) stack = std::make_unique<SampleStack>(plan.samples);
+    if (auto made = makeNearestDepth(); !made) return made;
     return programs.link(context.api, programVariant());
   }
 
@@ -147,7 +166,7 @@ struct Engine::Impl {
         forgetPlanes();
         scene = *std::exchange(pending_scene, std::nullopt);
         plan = wanted;
-        if (const auto light = singleLight(scene); plan.resolve && light != planes->startedLight())
+        if (const auto light = fixedLight(scene); plan.resolve && light != planes->startedLight())
           planes->setLight(plan, light);
         return linkPrograms();
       }
@@ -310,6 +329,7 @@ struct Engine::Impl {
     updateSurface();
     updateShares(directions);
     if (shading->whole() || samples_in == 0) shadeWithoutFades(now_s);
+    if (shading->whole() && nearest_depth) nearest_depth->take(surface, *screen, samples_in == 0);
     if (shading->whole()) stack->take(target, samples_in++);
     offset_px = {};
   }
@@ -528,7 +548,7 @@ Engine::~Engine() = default;
 
 // Roots of every plane (or tails), and a little room to look at anything beside them; also when one light is fixed
 // later, and without --shading, when there are other planes, too.
-Result<void> Engine::Impl::fitCache() {
+CacheNeed Engine::Impl::cacheNeed() const {
   const Manifest& manifest = artwork.manifest;
   EffectPlan fixed = plan;
   if (!fixed.resolve && fixed.lit()) {
@@ -539,8 +559,13 @@ Result<void> Engine::Impl::fitCache() {
   }
   Scene unshaded = scene;
   unshaded.shading = {};
-  const uint64_t least = std::max(
-      {planes->leastBytes(plan), planes->leastBytes(fixed), planes->leastBytes(planEffects(unshaded, manifest))});
+  return {std::max({planes->leastBytes(plan), planes->leastBytes(fixed),
+                    planes->leastBytes(planEffects(unshaded, manifest))}),
+          planes->mostBytes(plan)};
+}
+
+Result<void> Engine::Impl::fitCache() {
+  const uint64_t least = cacheNeed().least_bytes;
   const double least_mib = std::floor(static_cast<double>(least) / (1024 * 1024)) + 1;
   if (options.cache_mib * 1024 * 1024 >= static_cast<double>(least)) return {};
   char text[120];
@@ -559,27 +584,38 @@ Result<void> Engine::Impl::fitCache() {
                {}};
 }
 
+Result<void> Engine::Impl::prepare(Artwork of, const Scene& with, const EngineOptions& given) {
+  artwork = std::move(of);
+  scene = with;
+  options = given;
+  options.feedback_scale = std::clamp(options.feedback_scale, 1, kMaxFeedbackScale);
+  options.feedback_interval = std::clamp(options.feedback_interval, 1, kMaxFeedbackInterval);
+  context = gl::currentContextInfo();
+  const Manifest& manifest = artwork.manifest;
+  plan = planEffects(scene, manifest);
+  if (drawnWithTails(manifest.domain, options.most_pinned_patches))
+    stats.tail_bytes = tailGpuBytes(manifest.domain.patchCount(), static_cast<uint64_t>(manifest.texture.planes()));
+  auto upload = chooseUpload(options.upload, manifest, context.software,
+                             [&](PageCodec codec) { return missingBlockExtension(codec, context.api); });
+  if (!upload) return upload.error();
+  planes.emplace(artwork, options, stats.tail_bytes, std::move(*upload));
+  return {};
+}
+
+Result<CacheNeed> Engine::cacheNeed(const Artwork& artwork, const Scene& scene, const EngineOptions& options) {
+  Impl impl;
+  if (auto prepared = impl.prepare(artwork, scene, options); !prepared) return prepared.error();
+  return impl.cacheNeed();
+}
+
 Result<std::unique_ptr<Engine>> Engine::create(Artwork artwork, const Scene& scene, const EngineOptions& options) {
   if (const std::string problem = sceneProblem(scene, artwork.manifest); !problem.empty())
     return Error{ErrorKind::kUsage, "", problem, scene.unlit ? "leave out --unlit" : "", {}};
   auto impl = std::make_unique<Impl>();
-  impl->artwork = std::move(artwork);
-  impl->scene = scene;
-  impl->options = options;
-  impl->options.feedback_scale = std::clamp(options.feedback_scale, 1, kMaxFeedbackScale);
-  impl->options.feedback_interval = std::clamp(options.feedback_interval, 1, kMaxFeedbackInterval);
-  impl->context = gl::currentContextInfo();
-  impl->plan = planEffects(scene, impl->artwork.manifest);
+  if (auto prepared = impl->prepare(std::move(artwork), scene, options); !prepared) return prepared.error();
   const Manifest& manifest = impl->artwork.manifest;
   const bool with_tails = drawnWithTails(manifest.domain, options.most_pinned_patches);
-  if (with_tails)
-    impl->stats.tail_bytes =
-        tailGpuBytes(manifest.domain.patchCount(), static_cast<uint64_t>(manifest.texture.planes()));
-  auto upload = chooseUpload(options.upload, manifest, impl->context.software,
-                             [&](PageCodec codec) { return missingBlockExtension(codec, impl->context.api); });
-  if (!upload) return upload.error();
-  ResidentPlanes& planes =
-      impl->planes.emplace(impl->artwork, impl->options, impl->stats.tail_bytes, std::move(*upload));
+  ResidentPlanes& planes = *impl->planes;
   if (const std::string why = planes.whyNotBlocks(impl->plan); options.upload == Upload::kBlocks && !why.empty())
     impl->notices.push_back("texture pages are uploaded as rgba8, not as blocks: " + why);
   if (auto fits = impl->fitCache(); !fits) return fits.error();
@@ -595,7 +631,8 @@ Result<std::unique_ptr<Engine>> Engine::create(Artwork artwork, const Scene& sce
     }
   }
   if (auto opened = planes.open(impl->plan); !opened) return opened.error();
-  impl->camera = fitCamera(artworkExtent(manifest), impl->width, impl->height);
+  const PlacedExtent placed{artworkExtent(manifest), scene.pose};
+  impl->camera = fitCamera(std::span(&placed, 1), impl->width, impl->height);
   impl->patches = std::make_unique<PatchPass>(impl->context.software);
   const DepthMode depth = depthMode(options.reversed_depth);
   impl->stats.reversed_depth = depth.reversed;
@@ -626,6 +663,7 @@ const OrbitCamera& Engine::camera() const { return impl_->camera; }
 const Scene& Engine::scene() const { return impl_->pending_scene ? *impl_->pending_scene : impl_->scene; }
 const EffectPlan& Engine::plan() const { return impl_->plan; }
 const Manifest& Engine::manifest() const { return impl_->artwork.manifest; }
+PlacedExtent Engine::placed() const { return {impl_->drawnExtent(), impl_->scene.pose}; }
 const std::vector<PatchInstance>& Engine::instances() const { return impl_->list->instances(); }
 const std::vector<NodeRequest>& Engine::textureRequests() const { return impl_->demand->requests(); }
 ViewTransform Engine::view() const { return impl_->drawn().view; }
@@ -636,7 +674,7 @@ Result<void> Engine::setScene(const Scene& scene) {
     return Error{ErrorKind::kUsage, "", problem, "", {}};
   if (scene != e.scene) e.sampled.reset();
   EffectPlan before = e.plan;
-  auto light_before = singleLight(e.scene);
+  auto light_before = fixedLight(e.scene);
   Scene now = scene;
   e.pending_scene.reset();
   if (!planEffects(scene, e.artwork.manifest).samePages(before)) {
@@ -653,7 +691,7 @@ Result<void> Engine::setScene(const Scene& scene) {
   e.scene = now;
   e.plan = planEffects(now, e.artwork.manifest);
   assert(e.plan.samePages(before));
-  if (auto light = singleLight(now); e.plan.resolve && light != light_before) {
+  if (auto light = fixedLight(now); e.plan.resolve && light != light_before) {
     e.planes->setLight(e.plan, light);
   }
   if (e.plan != before) {
@@ -766,6 +804,14 @@ std::vector<uint8_t> Engine::readPixels() {
   return impl_->target.readPixels();
 }
 
+Engine::Layer Engine::layer() {
+  Impl& e = *impl_;
+  const bool average = e.showsAverage();
+  if (average) e.averageSamples();
+  return {e.target, average && e.nearest_depth ? e.nearest_depth->depth() : e.surface.depth(), e.surface.depthMode(),
+          e.drawn().view};
+}
+
 void Engine::present(int window_width_px, int window_height_px) {
   Impl& e = *impl_;
   if (!e.showsAverage()) return e.target.present(window_width_px, window_height_px);
@@ -791,8 +837,8 @@ std::optional<glm::dvec3> Engine::surfacePoint(double x_px, double y_px) {
   const glm::dvec4 clip((x + 0.5) / shown.width * 2 - 1, (y + 0.5) / shown.height * 2 - 1, *z, 1);
   const glm::dvec4 world = glm::inverse(shown.clip_from_world) * clip;
   const glm::dvec3 place = glm::dvec3(world) / world.w;
-  return std::isfinite(place.x) && std::isfinite(place.y) && std::isfinite(place.z) ? std::optional(place)
-                                                                                    : std::nullopt;
+  if (!std::isfinite(place.x) || !std::isfinite(place.y) || !std::isfinite(place.z)) return std::nullopt;
+  return placeInWorld(e.scene.pose, place);
 }
 
 EngineStats Engine::stats() const {

@@ -6,6 +6,9 @@
 // A frame: take the finished feedback; hand over requests; place decoded pages and upload them within the budget; take
 // the newest LOD answer and post the camera to the LOD worker; draw the surface if it changed; issue the next feedback;
 // shade the surface, unless the picture is the average of several samples and still shows the same.
+//
+// Camera, lights and surfacePoint() are in the world; everything else of the engine is in the artwork's own space
+// (src/render/pose.h), which is the world where Scene::pose is off.
 #pragma once
 
 #include <atomic>
@@ -24,6 +27,7 @@
 #include "src/engine/upload_choice.h"
 #include "src/gl/context.h"
 #include "src/render/camera.h"
+#include "src/render/picture_target.h"
 #include "texturing/package/package.h"
 #include "texturing/package/page_failures.h"
 #include "texturing/stream/feedback.h"
@@ -57,6 +61,8 @@ struct EngineOptions {
   bool prefetch = true;  // requests what a moving camera will show next (src/engine/prefetch.h); flat artworks only
   bool reversed_depth = true;  // where the context has clip control (src/render/depth.h)
   uint32_t uploads_per_frame = 64;
+  // The nearest depth of a picture's samples is kept, for Layer::depth.
+  bool keep_depth = false;
   const std::atomic<bool>* interrupted = nullptr;  // polled: once set, create() and settle() give up
 };
 
@@ -66,8 +72,15 @@ inline bool drawnWithTails(const PatchDomain& domain, uint32_t most_pinned_patch
 
 struct FaultInjection;
 
+// Bytes of the page cache: the least that an engine can be made with, and what all pages of the artwork take.
+struct CacheNeed {
+  uint64_t least_bytes = 0, most_bytes = 0;
+};
+
 class Engine {
  public:
+  // Of an engine of this artwork and scene. Needs a current GL context.
+  static Result<CacheNeed> cacheNeed(const Artwork& artwork, const Scene& scene, const EngineOptions& options);
   static Result<std::unique_ptr<Engine>> create(Artwork artwork, const Scene& scene, const EngineOptions& options);
   ~Engine();
 
@@ -83,6 +96,7 @@ class Engine {
   const Scene& scene() const;
   const EffectPlan& plan() const;
   const Manifest& manifest() const;
+  PlacedExtent placed() const;  // what is drawn, and where it stands
 
   // Draws one frame into the engine's framebuffer; now_s: seconds of a steady clock. One sample a pixel; but what
   // settle() or refine() averaged stays while it shows the same view, scene and pages.
@@ -106,8 +120,17 @@ class Engine {
   // Copies the picture to the framebuffer that the window shows (0); dark grey beside the artwork.
   void present(int window_width_px, int window_height_px);
   // The place on the surface that a pixel (origin top left) of the last picture shows, of several samples the last one;
-  // nothing over the background. Waits for that picture.
+  // nothing over the background. In the world, mm. Waits for that picture.
   std::optional<glm::dvec3> surfacePoint(double x_px, double y_px);
+  // The last picture as readPixels() has it, on the GPU, to be put together with others (src/render/composition.h).
+  // Valid until the next call of a function that draws. With several samples it needs EngineOptions::keep_depth.
+  struct Layer {
+    const PictureTarget& picture;
+    GLuint depth;  // a texture
+    DepthMode depth_mode;
+    ViewTransform view;  // its near and far planes
+  };
+  Layer layer();
   EngineStats stats() const;
   std::vector<std::string> takeMessages();
   // Pages that pictures were drawn without since the start; takeMessages() names each of them, too.
@@ -117,7 +140,8 @@ class Engine {
   // The list being drawn; for the reference renderer in tests.
   const std::vector<PatchInstance>& instances() const;
   const std::vector<NodeRequest>& textureRequests() const;  // the newest request list
-  // The one the last picture was drawn with, through the pixels' centres: mostly a frame behind setCamera.
+  // The one the last picture was drawn with, through the pixels' centres and in the artwork's space: mostly a frame
+  // behind setCamera.
   ViewTransform view() const;
   // Vertices of the drawn list by transform feedback, 4 floats each (clip position), instance by instance; for the
   // watertight test.

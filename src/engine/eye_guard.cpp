@@ -290,6 +290,41 @@ class BodyGuard final : public EyeGuard {
   std::vector<Node> nodes_;
 };
 
+class PlacedGuard final : public EyeGuard {
+ public:
+  PlacedGuard(std::unique_ptr<const EyeGuard> guard, const PlacedExtent& placed)
+      : guard_(std::move(guard)), placed_(placed) {}
+  double distance(const glm::dvec3& place_mm) const override {
+    const glm::dvec3 place = placeInArtwork(placed_.pose, place_mm);
+    const double before = guard_->distance(place);
+    if (!placed_.extent.flat || !placed_.pose.turns()) return before;
+    return std::max(before, std::min(placed_.extent.min_mm.z, placed_.extent.max_mm.z) - place.z);
+  }
+  bool behind(const glm::dvec3& place_mm) const override {
+    return guard_->behind(placeInArtwork(placed_.pose, place_mm));
+  }
+
+ private:
+  std::unique_ptr<const EyeGuard> guard_;
+  PlacedExtent placed_;
+};
+
+class GuardOfAll final : public EyeGuard {
+ public:
+  explicit GuardOfAll(std::vector<std::unique_ptr<const EyeGuard>> guards) : guards_(std::move(guards)) {}
+  double distance(const glm::dvec3& place_mm) const override {
+    double nearest = kInfinity;
+    for (const auto& guard : guards_) nearest = std::min(nearest, guard->distance(place_mm));
+    return nearest;
+  }
+  bool behind(const glm::dvec3& place_mm) const override {
+    return std::any_of(guards_.begin(), guards_.end(), [&](const auto& guard) { return guard->behind(place_mm); });
+  }
+
+ private:
+  std::vector<std::unique_ptr<const EyeGuard>> guards_;
+};
+
 }  // namespace
 
 double EyeGuard::freeShare(const glm::dvec3& from_mm, const glm::dvec3& to_mm, double clear_mm) const {
@@ -316,6 +351,16 @@ std::unique_ptr<const EyeGuard> makeEyeGuard(const Artwork& artwork, double exag
   const PatchDomain& domain = artwork.manifest.domain;
   if (domain.isFlat()) return std::make_unique<FlatGuard>(domain.flat(), artwork.oracle, exaggerate);
   return std::make_unique<BodyGuard>(artwork, exaggerate, workers);
+}
+
+std::unique_ptr<const EyeGuard> placedGuard(std::unique_ptr<const EyeGuard> guard, const PlacedExtent& placed) {
+  if (!placed.pose.isOn()) return guard;
+  return std::make_unique<PlacedGuard>(std::move(guard), placed);
+}
+
+std::unique_ptr<const EyeGuard> guardOfAll(std::vector<std::unique_ptr<const EyeGuard>> guards) {
+  if (guards.size() == 1) return std::move(guards[0]);
+  return std::make_unique<GuardOfAll>(std::move(guards));
 }
 
 }  // namespace relievo

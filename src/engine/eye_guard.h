@@ -7,6 +7,7 @@
 #pragma once
 
 #include <memory>
+#include <vector>
 
 #include <glm/glm.hpp>
 
@@ -32,5 +33,11 @@ class EyeGuard {
 // Heights are multiplied by exaggerate; 0: without relief. Of a body it reads the tails of its patches or, where it has
 // few, their root pages.
 std::unique_ptr<const EyeGuard> makeEyeGuard(const Artwork& artwork, double exaggerate, int workers);
+// The same for places in the world, of an artwork that stands there. Behind a flat one that is turned there is room
+// again, from its lowest place on.
+std::unique_ptr<const EyeGuard> placedGuard(std::unique_ptr<const EyeGuard> guard, const PlacedExtent& placed);
+
+// Of several artworks: the nearest counts.
+std::unique_ptr<const EyeGuard> guardOfAll(std::vector<std::unique_ptr<const EyeGuard>> guards);
 
 }  // namespace relievo

@@ -67,6 +67,13 @@ CacheNeeds ResidentPlanes::needs(const EffectPlan& plan) const {
   return needs;
 }
 
+uint64_t ResidentPlanes::mostBytes(const EffectPlan& plan) const {
+  const CacheNeeds all = needs(plan);
+  const uint64_t texture = all.texture_pages * slotBytes(all.upload, Plane::kTexture0),
+                 relief = all.relief ? all.relief_pages * kSlotBytes / 2 : 0;
+  return std::max(leastBytes(plan), tail_bytes_ + texture + relief);
+}
+
 std::string ResidentPlanes::whyNotBlocks(const EffectPlan& plan) const {
   if (isBlockCodec(upload_.codec) && plan.normals_exaggerate != 0)
     return "the normals beside them are made of the relief (--unlit needs none)";
@@ -122,7 +129,7 @@ void ResidentPlanes::start(const EffectPlan& plan, const Scene& scene) {
   if (plan.normals_exaggerate != 0) so.normals_of = ReliefSurface{domain.flat(), plan.normals_exaggerate};
   if (plan.madeOfRelief()) so.normals_of = shadedSurface(scene.shading, artwork_.manifest);
   starting_plan_ = plan;
-  starting_light_ = singleLight(scene);
+  starting_light_ = fixedLight(scene);
   so.light = starting_light_;
   std::vector<NodeId> roots;
   for (uint32_t p = 0; p < domain.patchCount() && !tails_; ++p) roots.push_back({p, 0, 0, 0});

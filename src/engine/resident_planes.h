@@ -31,6 +31,8 @@ class ResidentPlanes {
 
   // The smallest budget for the planes of a plan, tails included, bytes.
   uint64_t leastBytes(const EffectPlan& plan) const { return tail_bytes_ + minCacheBytes(needs(plan)); }
+  // What all pages of the plan take.
+  uint64_t mostBytes(const EffectPlan& plan) const;
   // Makes the tails, where there are any, and the pool for a plan's pages. Error: kInterrupted.
   Result<void> open(const EffectPlan& plan);
   // Then the first streamer, and waits for its roots.

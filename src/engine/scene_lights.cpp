@@ -25,12 +25,12 @@ glm::dvec3 lowestOf(const CastingLight& light) {
 
 }  // namespace
 
-glm::dmat3 SceneLights::worldFromLight(const Scene& scene, const ViewTransform& view) const {
-  return !manifest_.domain.isFlat() && scene.relight ? view.world_from_camera : glm::dmat3(1);
+glm::dmat3 SceneLights::artworkFromLight(const Scene& scene, const ViewTransform& view) const {
+  return !manifest_.domain.isFlat() && scene.relight ? view.world_from_camera : artworkFromWorld(scene.pose);
 }
 
 glm::dvec3 SceneLights::single(const Scene& scene, const ViewTransform& view) const {
-  return worldFromLight(scene, view) * glm::make_vec3(singleLight(scene).data());
+  return artworkFromLight(scene, view) * glm::make_vec3(singleLight(scene).data());
 }
 
 std::vector<PlacedLight> SceneLights::placed(const Scene& scene, const EffectPlan& plan,
@@ -38,8 +38,13 @@ std::vector<PlacedLight> SceneLights::placed(const Scene& scene, const EffectPla
   std::vector<PlacedLight> lights;
   if (plan.lights == 0) return lights;
   if (!middle_) middle_ = artworkMiddle(manifest_);
-  for (const SceneLight& light : shadedLights(scene.lights))
-    lights.push_back(placedLight(light, worldFromLight(scene, view), *middle_));
+  for (SceneLight light : shadedLights(scene.lights)) {
+    if (light.near) {
+      const glm::dvec3 place = placeInArtwork(scene.pose, glm::make_vec3(light.place.data()));
+      light.place = {place.x, place.y, place.z};
+    }
+    lights.push_back(placedLight(light, artworkFromLight(scene, view), *middle_));
+  }
   return lights;
 }
 

@@ -1,5 +1,6 @@
-// scene_lights.h - where a scene's lights stand about the artwork, for the view that is drawn: over a base mesh those
-// that are relit turn with the camera, all others stay. Pure, but for the middle of the artwork, which is kept.
+// scene_lights.h - where a scene's lights stand about the artwork, in its own space (src/render/pose.h), for the view
+// that is drawn: over a base mesh those that are relit turn with the camera, all others stay in the world. Pure, but
+// for the middle of the artwork, which is kept.
 #pragma once
 
 #include <optional>
@@ -28,7 +29,7 @@ class SceneLights {
                double half_mm) const;
 
  private:
-  glm::dmat3 worldFromLight(const Scene& scene, const ViewTransform& view) const;
+  glm::dmat3 artworkFromLight(const Scene& scene, const ViewTransform& view) const;
 
   const Manifest& manifest_;
   mutable std::optional<glm::dvec3> middle_;  // artworkMiddle(): a walk over a mesh's corners

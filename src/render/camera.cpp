@@ -90,9 +90,18 @@ Extent extentOf(const BaseMesh& base, double min_height_mm, double max_height_mm
   return extent;
 }
 
-ViewTransform viewTransform(const OrbitCamera& camera, const Extent& extent, int width_px, int height_px) {
+namespace {
+
+// Where a camera stands, in the space of what it looks at.
+struct Stand {
+  glm::dmat3 world_from_camera{1.0};
+  glm::dvec3 target_mm{0}, eye_mm{0};
+};
+
+ViewTransform viewFrom(const OrbitCamera& camera, const Stand& stand, const Extent& extent, int width_px,
+                       int height_px) {
   ViewTransform view;
-  view.world_from_camera = worldFromCamera(camera);
+  view.world_from_camera = stand.world_from_camera;
   view.orthographic = camera.orthographic;
   const glm::dmat3& world_from_camera = view.world_from_camera;
   const glm::dmat3 camera_from_world = glm::transpose(world_from_camera);
@@ -101,8 +110,8 @@ ViewTransform viewTransform(const OrbitCamera& camera, const Extent& extent, int
   if (camera.orthographic) {
     // Coordinates count from the target, amid what is seen: an eye before all of a large artwork would cost digits.
     const double half_mm = camera.distance_mm * tan_half;
-    view.eye_mm = camera.target_mm;
-    setOrthographicDepth(extent, camera.target_mm, {half_mm * aspect, half_mm}, view);
+    view.eye_mm = stand.target_mm;
+    setOrthographicDepth(extent, stand.target_mm, {half_mm * aspect, half_mm}, view);
     clip_from_camera[0][0] = 1 / (half_mm * aspect);
     clip_from_camera[1][1] = 1 / half_mm;
     clip_from_camera[2][2] = -2 / (view.far_mm - view.near_mm);
@@ -110,7 +119,7 @@ ViewTransform viewTransform(const OrbitCamera& camera, const Extent& extent, int
     clip_from_camera[3][3] = 1;
     view.pixels_per_radian = height_px / (2 * half_mm);
   } else {
-    view.eye_mm = eyePosition(camera);
+    view.eye_mm = stand.eye_mm;
     double nearest = 1e300, farthest = 0;
     for (int corner = 0; corner < 8; ++corner) {
       double depth = -(camera_from_world * (cornerOf(extent, corner) - view.eye_mm)).z;
@@ -144,6 +153,22 @@ ViewTransform viewTransform(const OrbitCamera& camera, const Extent& extent, int
   return view;
 }
 
+}  // namespace
+
+ViewTransform viewTransform(const OrbitCamera& camera, const Extent& extent, int width_px, int height_px) {
+  return viewFrom(camera, {worldFromCamera(camera), camera.target_mm, eyePosition(camera)}, extent, width_px,
+                  height_px);
+}
+
+ViewTransform viewTransform(const OrbitCamera& camera, const PlacedExtent& placed, int width_px, int height_px) {
+  const Pose& pose = placed.pose;
+  if (!pose.isOn()) return viewTransform(camera, placed.extent, width_px, height_px);
+  return viewFrom(camera,
+                  {artworkFromWorld(pose) * worldFromCamera(camera), placeInArtwork(pose, camera.target_mm),
+                   placeInArtwork(pose, eyePosition(camera))},
+                  placed.extent, width_px, height_px);
+}
+
 ViewTransform viewTransform(const OrbitCamera& camera, const FlatDomain& domain, double min_z_mm, double max_z_mm,
                             int width_px, int height_px) {
   return viewTransform(camera, extentOf(domain, min_z_mm, max_z_mm), width_px, height_px);
@@ -161,45 +186,89 @@ ViewTransform throughOffset(const ViewTransform& view, const glm::dvec2& offset_
   return moved;
 }
 
-double fitDistance(const OrbitCamera& camera, const Extent& extent, int width_px, int height_px) {
+Extent worldExtent(std::span<const PlacedExtent> placed) {
+  if (placed.size() == 1 && !placed[0].pose.isOn()) return placed[0].extent;
+  Extent all{.min_mm = glm::dvec3(1e300), .max_mm = glm::dvec3(-1e300), .texel_mm = 1e300};
+  for (const PlacedExtent& one : placed) {
+    all.flat = all.flat && one.extent.flat && !one.pose.turns() && one.pose.position_mm[2] == 0;
+    all.size_known = all.size_known && one.extent.size_known;
+    all.texel_mm = std::min(all.texel_mm, one.extent.texel_mm);
+    for (int corner = 0; corner < 8; ++corner) {
+      const glm::dvec3 place = placeInWorld(one.pose, cornerOf(one.extent, corner));
+      all.min_mm = glm::min(all.min_mm, place);
+      all.max_mm = glm::max(all.max_mm, place);
+    }
+  }
+  return all;
+}
+
+double fitDistance(const OrbitCamera& camera, std::span<const PlacedExtent> placed, int width_px, int height_px) {
   constexpr double kMargin = 1.06;
   const glm::dmat3 camera_from_world = glm::transpose(worldFromCamera(camera));
-  auto fit = [&](const Extent& box, double margin) {
+  auto fit = [&](const Extent& box, const Pose& pose, double margin) {
     const double tan_y = tanHalf(camera) / margin, tan_x = tan_y * static_cast<double>(width_px) / height_px;
     double distance = 0;
     for (int corner = 0; corner < 8; ++corner) {
-      const glm::dvec3 p = camera_from_world * (cornerOf(box, corner) - camera.target_mm);
+      const glm::dvec3 p = camera_from_world * (placeInWorld(pose, cornerOf(box, corner)) - camera.target_mm);
       const double towards = camera.orthographic ? 0 : p.z;
       distance = std::max({distance, std::abs(p.x) / tan_x + towards, std::abs(p.y) / tan_y + towards});
     }
     return distance;
   };
-  if (!extent.flat) return fit(extent, kMargin);
-  Extent plane = extent;
-  plane.min_mm.z = plane.max_mm.z = planeHeight(extent);
-  return std::max(fit(plane, kMargin), fit(extent, 1));
+  double distance = 0;
+  for (const auto& [extent, pose] : placed) {
+    if (!extent.flat) {
+      distance = std::max(distance, fit(extent, pose, kMargin));
+      continue;
+    }
+    Extent plane = extent;
+    plane.min_mm.z = plane.max_mm.z = planeHeight(extent);
+    distance = std::max({distance, fit(plane, pose, kMargin), fit(extent, pose, 1)});
+  }
+  return distance;
 }
 
-glm::dvec2 orthographicSize(const OrbitCamera& camera, const Extent& extent) {
-  const glm::dmat3 camera_from_world = glm::transpose(worldFromCamera(camera));
-  glm::dvec2 half_mm(0);
-  for (int corner = 0; corner < 8; ++corner)
-    half_mm =
-        glm::max(half_mm, glm::abs(glm::dvec2(camera_from_world * (cornerOf(extent, corner) - camera.target_mm))));
-  return 2.0 * half_mm;
+double fitDistance(const OrbitCamera& camera, const Extent& extent, int width_px, int height_px) {
+  const PlacedExtent placed{extent, {}};
+  return fitDistance(camera, std::span(&placed, 1), width_px, height_px);
 }
 
 double fitDistance(const OrbitCamera& camera, const FlatDomain& domain, int width_px, int height_px) {
   return fitDistance(camera, extentOf(domain), width_px, height_px);
 }
 
-OrbitCamera fitCamera(const Extent& extent, int width_px, int height_px, double fov_deg) {
+glm::dvec2 orthographicSize(const OrbitCamera& camera, std::span<const PlacedExtent> placed) {
+  const glm::dmat3 camera_from_world = glm::transpose(worldFromCamera(camera));
+  glm::dvec2 half_mm(0);
+  for (const auto& [extent, pose] : placed)
+    for (int corner = 0; corner < 8; ++corner)
+      half_mm = glm::max(
+          half_mm,
+          glm::abs(glm::dvec2(camera_from_world * (placeInWorld(pose, cornerOf(extent, corner)) - camera.target_mm))));
+  return 2.0 * half_mm;
+}
+
+glm::dvec2 orthographicSize(const OrbitCamera& camera, const Extent& extent) {
+  const PlacedExtent placed{extent, {}};
+  return orthographicSize(camera, std::span(&placed, 1));
+}
+
+OrbitCamera fitCamera(std::span<const PlacedExtent> placed, int width_px, int height_px, double fov_deg) {
+  const auto middleOf = [](const Extent& extent) {
+    glm::dvec3 middle = extent.centre();
+    if (extent.flat) middle.z = planeHeight(extent);
+    return middle;
+  };
   OrbitCamera camera;
   camera.fov_deg = fov_deg;
-  camera.target_mm = extent.centre();
-  if (extent.flat) camera.target_mm.z = planeHeight(extent);
-  camera.distance_mm = fitDistance(camera, extent, width_px, height_px);
+  camera.target_mm =
+      placed.size() == 1 ? placeInWorld(placed[0].pose, middleOf(placed[0].extent)) : middleOf(worldExtent(placed));
+  camera.distance_mm = fitDistance(camera, placed, width_px, height_px);
   return camera;
+}
+OrbitCamera fitCamera(const Extent& extent, int width_px, int height_px, double fov_deg) {
+  const PlacedExtent placed{extent, {}};
+  return fitCamera(std::span(&placed, 1), width_px, height_px, fov_deg);
 }
 OrbitCamera fitCamera(const FlatDomain& domain, int width_px, int height_px, double fov_deg) {
   return fitCamera(extentOf(domain), width_px, height_px, fov_deg);

@@ -4,9 +4,10 @@
 // looks along -z. Orthographic: all lines of sight are parallel, a millimetre is as many pixels everywhere. The picture
 // is as high and wide as what perspective shows of the plane through the target, so that the target keeps its size when
 // the projection changes, and the distance zooms in both. Functions that take a domain are for flat artworks and use
-// the domain's extent.
+// the domain's extent. An artwork with a pose (pose.h) is seen through viewTransform() with that pose.
 #pragma once
 
+#include <span>
 #include <string>
 
 #include <glm/glm.hpp>
@@ -14,6 +15,7 @@
 #include "src/artwork/base_mesh.h"
 #include "src/artwork/patch_domain.h"
 #include "src/base/result.h"
+#include "src/render/pose.h"
 
 namespace relievo {
 
@@ -44,6 +46,14 @@ struct Extent {
 Extent extentOf(const FlatDomain& domain, double min_z_mm = 0, double max_z_mm = 0);
 Extent extentOf(const BaseMesh& base, double min_height_mm, double max_height_mm, double texel_mm);
 
+// An artwork's extent, in its own space, and where it stands.
+struct PlacedExtent {
+  Extent extent;
+  Pose pose;
+};
+// The box around all of them, in the world. It is flat where all are, and none is turned or lies before another.
+Extent worldExtent(std::span<const PlacedExtent> placed);
+
 struct ViewTransform {
   glm::dmat4 clip_from_world{1.0};  // GL clip space, -w <= z <= w
   glm::dvec3 eye_mm{0};
@@ -60,6 +70,8 @@ glm::dmat3 worldFromCamera(const OrbitCamera& camera);  // camera axes: x right,
 ViewTransform viewTransform(const OrbitCamera& camera, const Extent& extent, int width_px, int height_px);
 ViewTransform viewTransform(const OrbitCamera& camera, const FlatDomain& domain, double min_z_mm, double max_z_mm,
                             int width_px, int height_px);
+// The view of an artwork that stands elsewhere, in the artwork's space: what is named world there is the artwork's own.
+ViewTransform viewTransform(const OrbitCamera& camera, const PlacedExtent& placed, int width_px, int height_px);
 // The same view, its pixels seen through the places `offset_px` from their centres (x right, y down) in place of the
 // centres. An offset of 0 changes no bit.
 ViewTransform throughOffset(const ViewTransform& view, const glm::dvec2& offset_px, int width_px, int height_px);
@@ -68,11 +80,14 @@ ViewTransform throughOffset(const ViewTransform& view, const glm::dvec2& offset_
 // 0, or of the height nearest to it that there is.
 double fitDistance(const OrbitCamera& camera, const Extent& extent, int width_px, int height_px);
 double fitDistance(const OrbitCamera& camera, const FlatDomain& domain, int width_px, int height_px);
+double fitDistance(const OrbitCamera& camera, std::span<const PlacedExtent> placed, int width_px, int height_px);
 // Looks straight at the extent's centre (of a flat one: of its plane) from where all of it is in view.
 OrbitCamera fitCamera(const Extent& extent, int width_px, int height_px, double fov_deg = 35);
 OrbitCamera fitCamera(const FlatDomain& domain, int width_px, int height_px, double fov_deg = 35);
+OrbitCamera fitCamera(std::span<const PlacedExtent> placed, int width_px, int height_px, double fov_deg = 35);
 // How wide and high, in mm, the orthographic picture around the camera's target must be to hold all of the extent; no
 // margin.
+glm::dvec2 orthographicSize(const OrbitCamera& camera, std::span<const PlacedExtent> placed);
 glm::dvec2 orthographicSize(const OrbitCamera& camera, const Extent& extent);
 
 // The point under a pixel (origin top left) of the plane through the target that faces the eye.

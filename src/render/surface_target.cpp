@@ -80,6 +80,14 @@ ScreenPass::ScreenPass(const DepthMode& depth)
   glBindVertexArray(0);
 }
 
+void ScreenPass::drawNearer() const {
+  glEnable(GL_DEPTH_TEST);
+  glDepthFunc(depth_.nearerOrEqual());
+  glBindVertexArray(vertex_array_.id());
+  glDrawArrays(GL_TRIANGLES, 0, 3);
+  glBindVertexArray(0);
+}
+
 void ScreenPass::draw(bool where_seen) const {
   if (where_seen) {
     glDepthFunc(depth_.farther());

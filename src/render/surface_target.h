@@ -46,6 +46,8 @@ class ScreenPass {
   explicit ScreenPass(const DepthMode& depth = depthMode());
   // where_seen: draws only where the bound depth buffer holds a surface.
   void draw(bool where_seen) const;
+  // Writes depth where what the program makes is nearer than, or as near as, what is there.
+  void drawNearer() const;
 
  private:
   DepthMode depth_;

@@ -66,4 +66,18 @@ HudFigures hudFigures(const EngineStats& stats, const Manifest& manifest) {
   return f;
 }
 
+HudFigures hudFigures(const EngineStats& stats, const Stage& stage) {
+  HudFigures all = hudFigures(stats, stage.engine(0).manifest());
+  if (stage.size() == 1) return all;
+  all.planes.resize(1);
+  for (size_t i = 0; i < stage.size(); ++i) {
+    HudFigures own = hudFigures(stage.engine(i).stats(), stage.engine(i).manifest());
+    for (size_t row = 1; row < own.planes.size(); ++row) {
+      own.planes[row][0] = std::to_string(i + 1) + " " + own.planes[row][0];
+      all.planes.push_back(std::move(own.planes[row]));
+    }
+  }
+  return all;
+}
+
 }  // namespace relievo

@@ -5,7 +5,7 @@
 #include <string>
 #include <vector>
 
-#include "src/engine/engine.h"
+#include "src/engine/stage.h"
 
 namespace relievo {
 
@@ -15,6 +15,8 @@ struct HudFigures {
 };
 
 HudFigures hudFigures(const EngineStats& stats, const Manifest& manifest);
+// stats: of the stage. Planes are those of each of its artworks, with the artwork's number where there are several.
+HudFigures hudFigures(const EngineStats& stats, const Stage& stage);
 // "812 B", "12.3 kB", "4.06 GB": decimal units, at least three digits.
 std::string bytesText(uint64_t bytes);
 

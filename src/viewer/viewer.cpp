@@ -65,9 +65,9 @@ class FrameMeter {
   double sum_ = 0;
 };
 
-Result<void> writeSnapshot(Engine& engine, const std::string& path, const ViewerOptions& options) {
-  const EngineStats stats = engine.stats();
-  return writeImage(path, engine.width(), engine.height(), 3, overBackground(engine.readPixels(), options.background),
+Result<void> writeSnapshot(Stage& stage, const std::string& path, const ViewerOptions& options) {
+  const EngineStats stats = stage.stats();
+  return writeImage(path, stage.width(), stage.height(), 3, overBackground(stage.readPixels(), options.background),
                     stats.orthographic && stats.size_known ? stats.mm_per_px : 0);
 }
 
@@ -105,9 +105,9 @@ using GuardTask = BackgroundTask<std::unique_ptr<const EyeGuard>>;
 // The window's life: events are handled, and a frame is drawn where something changed or is still on its way.
 class ViewLoop {
  public:
-  ViewLoop(gl::Window& window, Engine& engine, Hud& hud, ViewControl& control, GuardTask& guard,
+  ViewLoop(gl::Window& window, Stage& stage, Hud& hud, ViewControl& control, GuardTask& guard,
            const ViewerOptions& options)
-      : window_(window), engine_(engine), hud_(hud), control_(control), guard_(guard), options_(options) {}
+      : window_(window), stage_(stage), hud_(hud), control_(control), guard_(guard), options_(options) {}
   Result<void> run();
 
  private:
@@ -146,7 +146,7 @@ class ViewLoop {
   }
 
   gl::Window& window_;
-  Engine& engine_;
+  Stage& stage_;
   Hud& hud_;
   ViewControl& control_;
   GuardTask& guard_;
@@ -233,10 +233,16 @@ void ViewLoop::noteKeys(const Scene& wanted, double now) {
                                 static_cast<int>(control_.view().held)};
   const std::array<int, 4> before = std::exchange(keys_, keys);
   if (before == keys || before[0] < 0) return;
-  const EffectPlan plan = planEffects(wanted, engine_.manifest());
+  std::vector<EffectPlan> plans;
+  for (size_t i = 0; i < stage_.size(); ++i) plans.push_back(planEffects(wanted, stage_.engine(i).manifest()));
+  const auto any = [&](bool EffectPlan::*effect) {
+    return std::any_of(plans.begin(), plans.end(), [effect](const EffectPlan& plan) { return plan.*effect; });
+  };
   if (before[3] != keys[3]) light_until_ = now + kLightGaugeS;
-  if (before[1] < keys[1] && !plan.shadows) say("shadows change nothing: nothing is lit, or no relief is shown", now);
-  if (before[2] < keys[2] && !plan.gloss) say("gloss changes nothing: nothing is lit, or no relief is shown", now);
+  if (before[1] < keys[1] && !any(&EffectPlan::shadows))
+    say("shadows change nothing: nothing is lit, or no relief is shown", now);
+  if (before[2] < keys[2] && !any(&EffectPlan::gloss))
+    say("gloss changes nothing: nothing is lit, or no relief is shown", now);
 }
 
 Scene ViewLoop::sceneAt(double now) {
@@ -271,14 +277,14 @@ std::array<int, 2> ViewLoop::pictureSize() const {
 
 Result<EngineStats> ViewLoop::drawScene(double now) {
   const Scene wanted = sceneAt(now);
-  if (Result<void> set = engine_.setScene(wanted); !set) return set.error();
+  if (Result<void> set = stage_.setScene(wanted); !set) return set.error();
   noteKeys(wanted, now);
   const auto [width_px, height_px] = pictureSize();
-  if (width_px != engine_.width() || height_px != engine_.height()) changed_at_ = now;
-  engine_.resize(width_px, height_px);
-  engine_.setCamera(control_.view().camera);
-  if (!refining(now) || !engine_.refine(now)) engine_.frame(now);
-  const EngineStats stats = engine_.stats();
+  if (width_px != stage_.width() || height_px != stage_.height()) changed_at_ = now;
+  stage_.resize(width_px, height_px);
+  stage_.setCamera(control_.view().camera);
+  if (!refining(now) || !stage_.refine(now)) stage_.frame(now);
+  const EngineStats stats = stage_.stats();
   lacks_samples_ = !stats.refined;
   return stats;
 }
@@ -299,9 +305,9 @@ void ViewLoop::takeSnapshot(double now) {
   const std::string name = freeSnapshotName(".", options_.snapshot_stem);
   Result<void> written = name.empty()
                              ? Error{.kind = ErrorKind::kIo, .message = "no free number for a snapshot is left"}
-                             : writeSnapshot(engine_, name, options_);
+                             : writeSnapshot(stage_, name, options_);
   if (written && options_.scene_text) {
-    const std::string text = options_.scene_text(engine_.camera(), engine_.scene(), engine_.width(), engine_.height());
+    const std::string text = options_.scene_text(stage_.camera(), stage_.scene(), stage_.width(), stage_.height());
     written = writeFile(std::filesystem::path(name).replace_extension(".json").string(),
                         {reinterpret_cast<const uint8_t*>(text.data()), text.size()});
   }
@@ -312,12 +318,17 @@ void ViewLoop::takeSnapshot(double now) {
 }
 
 void ViewLoop::drawHud(const EngineStats& stats) {
-  const EffectPlan& plan = engine_.plan();
-  shown_.unlit = !plan.lit();
-  shown_.shading = plan.shading != ReliefShading::Kind::kNone ? shadingName(plan.shading) : "";
-  shown_.shadows = plan.shadows;
-  shown_.ambient_occlusion = plan.ambient_occlusion;
-  shown_.gloss = plan.gloss;
+  shown_.unlit = true;
+  shown_.shading = "";
+  shown_.shadows = shown_.ambient_occlusion = shown_.gloss = false;
+  for (size_t i = 0; i < stage_.size(); ++i) {
+    const EffectPlan& plan = stage_.engine(i).plan();
+    shown_.unlit = shown_.unlit && !plan.lit();
+    if (plan.shading != ReliefShading::Kind::kNone) shown_.shading = shadingName(plan.shading);
+    shown_.shadows = shown_.shadows || plan.shadows;
+    shown_.ambient_occlusion = shown_.ambient_occlusion || plan.ambient_occlusion;
+    shown_.gloss = shown_.gloss || plan.gloss;
+  }
   shown_.fps = meter_.meanSeconds() > 0 ? 1 / meter_.meanSeconds() : 0;
   shown_.frame_ms = meter_.meanSeconds() * 1000;
   shown_.resident_pages = stats.resident;
@@ -326,14 +337,14 @@ void ViewLoop::drawHud(const EngineStats& stats) {
   shown_.error_px = options_.scene.error_px;
   shown_.given_up = frame_time_ && moving_ ? frame_time_->givenUp() : "";
   shown_.predicted_error_px = stats.predicted_error_px;
-  shown_.mm_per_px = stats.orthographic ? stats.mm_per_px * engine_.width() / window_.width() : 0;  // of the window
+  shown_.mm_per_px = stats.orthographic ? stats.mm_per_px * stage_.width() / window_.width() : 0;  // of the window
   shown_.size_known = stats.size_known;
   shown_.duration_s = options_.animation.duration_s;
   shown_.time_s = play_s_;
   shown_.playing = control_.playing;
   shown_.figures.reset();
-  if (control_.figures) shown_.figures = hudFigures(stats, engine_.manifest());
-  engine_.present(window_.width(), window_.height());
+  if (control_.figures) shown_.figures = hudFigures(stats, stage_);
+  stage_.present(window_.width(), window_.height());
   hud_.draw(shown_, window_.width(), window_.height());
   window_.swap();
 }
@@ -353,12 +364,12 @@ Result<void> ViewLoop::run() {
     auto stats = drawScene(now);
     if (!stats) return stats.error();
     noteProgress(*stats, now);
-    for (const std::string& text : engine_.takeMessages()) say(text, now);
+    for (const std::string& text : stage_.takeMessages()) say(text, now);
     if (control_.takeSnapshotRequest()) takeSnapshot(now);
     drawHud(*stats);
     meterFrame();
     if (++frames == options_.frames) {
-      if (!options_.snapshot_file.empty()) return writeSnapshot(engine_, options_.snapshot_file, options_);
+      if (!options_.snapshot_file.empty()) return writeSnapshot(stage_, options_.snapshot_file, options_);
       break;
     }
   }
@@ -367,53 +378,87 @@ Result<void> ViewLoop::run() {
 
 }  // namespace
 
-Result<void> runViewer(Artwork artwork, const ViewerOptions& options) {
+namespace {
+
+// What keeps the eye outside: at once for flat artworks; over a base mesh on a thread of its own, some tenths of a
+// second, during which the window draws and moves already.
+struct GuardMaker {
+  std::vector<Artwork> artworks;
+  std::vector<PlacedExtent> placed;
+  double exaggerate = 1;
+  int workers = 1;
+
+  bool takesTime() const {
+    return std::any_of(artworks.begin(), artworks.end(),
+                       [](const Artwork& artwork) { return !artwork.manifest.domain.isFlat(); });
+  }
+  std::unique_ptr<const EyeGuard> operator()() const {
+    std::vector<std::unique_ptr<const EyeGuard>> guards;
+    for (size_t i = 0; i < artworks.size(); ++i)
+      guards.push_back(placedGuard(makeEyeGuard(artworks[i], exaggerate, workers), placed[i]));
+    return guardOfAll(std::move(guards));
+  }
+};
+
+// The kinds that all artworks can be shown with.
+std::vector<ReliefShading::Kind> possibleShadings(const Stage& stage, const Scene& scene) {
+  std::vector<ReliefShading::Kind> kinds;
+  for (const auto kind : {ReliefShading::Kind::kSlope, ReliefShading::Kind::kCurvature, ReliefShading::Kind::kDepth}) {
+    Scene shaded = scene;
+    if (shaded.shading.kind != kind) shaded.shading = {.kind = kind};
+    bool possible = true;
+    for (size_t i = 0; i < stage.size(); ++i)
+      possible = possible && sceneProblem(shaded, stage.engine(i).manifest()).empty();
+    if (possible) kinds.push_back(kind);
+  }
+  return kinds;
+}
+
+}  // namespace
+
+Result<void> runViewer(std::vector<StagedArtwork> artworks, const ViewerOptions& options) {
   HeapWarmer heap(kFirstPictureBytes);
   Result<std::unique_ptr<gl::Window>> made_window =
       gl::Window::create(options.title, options.width_px, options.height_px);
   if (!made_window) return made_window.error();
   gl::Window& window = **made_window;
   heap.finish(gl::currentContextInfo().software);
-  const double exaggerate = options.scene.relief ? options.scene.exaggerate : 0;
-  const Extent extent = artworkExtent(artwork.manifest, exaggerate);
-  // What keeps the eye outside: at once for a flat artwork; over a base mesh on a thread of its own, some tenths of a
-  // second, during which the window draws and moves already.
-  GuardTask guard(
-      "relievo-guard",
-      [artwork, exaggerate, workers = options.engine.workers] { return makeEyeGuard(artwork, exaggerate, workers); },
-      !artwork.manifest.domain.isFlat());
-  Result<std::unique_ptr<Engine>> made_engine = Engine::create(std::move(artwork), options.scene, options.engine);
-  if (!made_engine) return made_engine.error();
-  Engine& engine = **made_engine;
+  GuardMaker make{.exaggerate = options.scene.relief ? options.scene.exaggerate : 0, .workers = options.engine.workers};
+  for (const StagedArtwork& one : artworks) {
+    make.artworks.push_back(one.artwork);
+    make.placed.push_back(placedExtent(options.scene, one.artwork.manifest));
+    make.placed.back().pose = one.pose;
+  }
+  const std::vector<PlacedExtent> placed = make.placed;
+  GuardTask guard("relievo-guard", make, make.takesTime());
+  Result<std::unique_ptr<Stage>> made_stage = Stage::create(std::move(artworks), options.scene, options.engine);
+  if (!made_stage) return made_stage.error();
+  Stage& stage = **made_stage;
   Result<std::unique_ptr<Hud>> hud = Hud::create(gl::currentContextInfo().api, window.contentScale());
   if (!hud) return hud.error();
 
   ViewControl::View start;
   start.light = options.scene.light;
   start.lights = options.scene.lights;
-  Result<OrbitCamera> camera = options.camera ? options.camera(extent, window.width(), window.height())
-                                              : fitCamera(extent, window.width(), window.height());
+  Result<OrbitCamera> camera = options.camera ? options.camera(placed, window.width(), window.height())
+                                              : fitCamera(placed, window.width(), window.height());
   if (!camera) return camera.error();
   start.camera = *camera;
-  ViewControl control(extent, start, window.width(), window.height(), {[&](double x, double y) {
+  ViewControl control(worldExtent(placed), start, window.width(), window.height(), {[&](double x, double y) {
                         // The picture may be smaller than its window.
-                        return engine.surfacePoint(x * engine.width() / window.width(),
-                                                   y * engine.height() / window.height());
+                        return stage.surfacePoint(x * stage.width() / window.width(),
+                                                  y * stage.height() / window.height());
                       }});
   control.occlusion = options.scene.ambient_occlusion.isOn();
   control.animated = control.playing = options.animation.isOn();
   control.shadows = options.scene.shadows;
   control.gloss = options.scene.gloss.isOn();
   control.shading = options.scene.shading.kind;
-  for (const auto kind : {ReliefShading::Kind::kSlope, ReliefShading::Kind::kCurvature, ReliefShading::Kind::kDepth}) {
-    Scene shaded = options.scene;
-    if (shaded.shading.kind != kind) shaded.shading = {.kind = kind};
-    if (sceneProblem(shaded, engine.manifest()).empty()) control.shadings.push_back(kind);
-  }
+  control.shadings = possibleShadings(stage, options.scene);
   control.wireframe = options.scene.wireframe;
   control.show_pages = options.scene.overlay == &kPagesEffect;
 
-  if (Result<void> ended = ViewLoop(window, engine, **hud, control, guard, options).run(); !ended) return ended;
+  if (Result<void> ended = ViewLoop(window, stage, **hud, control, guard, options).run(); !ended) return ended;
   if (options.print_view) printOutf("%s\n", viewJson(control.view()).c_str());
   return {};
 }

@@ -1,4 +1,4 @@
-// viewer.h - an artwork in a window: the engine, the controls (view_control.h) and the head-up display (hud.h).
+// viewer.h - artworks in a window: the stage, the controls (view_control.h) and the head-up display (hud.h).
 // Redraws while something changes or loads, then until the picture has all of Scene::samples; otherwise sleeps until
 // the next event.
 #pragma once
@@ -6,11 +6,13 @@
 #include <array>
 #include <cstdint>
 #include <functional>
+#include <span>
 #include <string>
+#include <vector>
 
 #include "src/base/result.h"
-#include "src/engine/engine.h"
 #include "src/engine/scene_animation.h"
+#include "src/engine/stage.h"
 #include "src/render/camera.h"
 #include "src/render/picture_target.h"
 
@@ -29,7 +31,7 @@ struct ViewerOptions {
   SceneAnimation animation;
   EngineOptions engine;
   // The view to start with, for the size that the window got: that of the animation's beginning.
-  std::function<Result<OrbitCamera>(const Extent&, int width_px, int height_px)> camera;
+  std::function<Result<OrbitCamera>(std::span<const PlacedExtent>, int width_px, int height_px)> camera;
   // Whether a camera that stands still is drawn with Scene::least_cell 0. kAuto: not with software OpenGL, where the
   // next motion would begin with a slow frame, nor where `frames` is set.
   enum class ExactStill { kAuto, kOn, kOff };
@@ -44,7 +46,7 @@ struct ViewerOptions {
 };
 
 // Returns when the window is closed.
-Result<void> runViewer(Artwork artwork, const ViewerOptions& options);
+Result<void> runViewer(std::vector<StagedArtwork> artworks, const ViewerOptions& options);
 
 // FOLDER/STEM-0001.png, or the first number of which neither it nor the .json is there; empty when there is none below
 // 10,000.

@@ -242,6 +242,8 @@ void cameras() {
       R"({"format": "relievo-scene", "version": 1, "artwork": "a.relievo", "camera": {"azimuth_deg": 25, "fov_deg": 30},
 "light": {"towards": [-0.8, 0.3, 0.4], "fixed": true}, "surface": {"exaggerate": 2}, "effects": {"exposure": 1, "show": "pages"},
 "picture": {"size_px": [640, 360], "background": [0, 0, 0]}, "settings": {"error_px": 2, "sampling": "nearest"}})");
+  put("state", "artworks", R"({"format": "relievo-scene", "version": 1, "artworks": [{"file": "a.relievo"},
+{"file": "b.relievo", "pose": {"position_mm": [35, 0, 0], "rotate_deg": [0, 180, 0]}}]})");
   put("state", "empty", "{}");
   put("state", "parallel", R"({"orthographic": true, "distance_mm": 1e3})");
   put("path", "two",

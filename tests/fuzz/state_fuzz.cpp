@@ -21,7 +21,8 @@ extern "C" int LLVMFuzzerTestOneInput(const uint8_t* data, size_t size) {
   options.state_file = fuzz::folder().put("state.json", {data, size});
   if (auto scene = options.scene(); !scene) fuzz::requireExplained(scene.error());
   const Extent extent{.min_mm = glm::dvec3(-50, -30, -1), .max_mm = glm::dvec3(50, 30, 2)};
-  auto camera = options.camera(extent, 640, 480);
+  const PlacedExtent placed{extent, {}};
+  auto camera = options.camera(std::span(&placed, 1), 640, 480);
   if (!camera) fuzz::requireExplained(camera.error());
   else fuzz::require(camera->distance_mm > 0, "a camera at no distance");
   if (auto settings = readSettings(fuzz::folder().put("settings.json", {data, size})); !settings)

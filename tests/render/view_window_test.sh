@@ -40,12 +40,12 @@ fail() { echo "FAILED: $*" >&2; cat errors >&2; exit 1; }
 "$program" sample inscription --size 256x256 --package stone.relievo >/dev/null
 
 # start [OPTION...]: the viewer, once its window is there; its files may have $file_blocks blocks of 1024 bytes.
-file_blocks=unlimited artwork=stone.relievo
+file_blocks=unlimited artwork=stone.relievo title=stone.relievo
 start() {
   ( ulimit -f "$file_blocks"; exec "$program" view "$artwork" --size 600x400 --print-view "$@" >view.json 2>errors ) &
   viewer=$!
   for _ in $(seq 300); do
-    if xdotool search --onlyvisible --name 'stone.relievo - Relievo' >/dev/null 2>&1; then
+    if xdotool search --onlyvisible --name "$title - Relievo" >/dev/null 2>&1; then
       # It is there before the viewer listens: package and shaders come first.
       sleep 1
       return 0
@@ -235,6 +235,27 @@ done
 "$program" render stone-0003.json --light 0,0,1 -o other.png
 if cmp -s stone-0003.png other.png; then fail "the control has one light"; fi
 rm stone-000[34].png stone-000[34].json
+
+# Several artworks: a drag turns about the one under the mouse, and the scene beside the picture keeps all of them where they stand.
+cat >two.json <<'END'
+{"format": "relievo-scene", "version": 1,
+ "artworks": [{"file": "stone.relievo"}, {"file": "stone.relievo", "pose": {"position_mm": [150, 40, 250], "rotate_deg": [0, -20, 90]}}]}
+END
+artwork=two.json title=two.json
+start --exact-still on --hysteresis 0
+xdotool mousemove 300 200
+drag 1 40 30
+sleep 2
+snapshot two-0001.png
+finish
+artwork=stone.relievo title=stone.relievo
+value azimuth_deg | awk '{ exit !($1 != 0) }' || fail "the drag did not turn: $(cat view.json)"
+tr -d ' \n' <two-0001.json | grep -q '"position_mm":\[150.0,40.0,250.0\],"rotate_deg":\[0.0,-20.0,90.0\]' || fail "the scene lost a pose: $(cat two-0001.json)"
+"$program" render two-0001.json -o shown.png
+cmp two-0001.png shown.png || fail "the scene of two artworks is another picture: $(cat two-0001.json)"
+sed 's/150.0/100.0/' two-0001.json >moved.json
+"$program" render moved.json -o moved.png
+if cmp -s two-0001.png moved.png; then fail "the control has another pose"; fi
 
 # What moves by itself plays at once; Space pauses it, and S writes that moment, which does not move.
 cat >film.json <<'END'

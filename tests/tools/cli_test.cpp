@@ -571,6 +571,73 @@ TEST_F(Cli, ASceneIsDrawnAsItsOptionsWouldHaveIt) {
   EXPECT_NE(lost.output.find("lost.relievo"), std::string::npos) << lost.output;
 }
 
+// Several artworks in one picture, whichever comes first; what takes one artwork says so.
+TEST_F(Cli, ArtworksOfASceneAreSeenTogether) {
+  for (const char* kind : {"coin", "inscription"})
+    ASSERT_EQ(
+        relievo("sample " + std::string(kind) + " --size 128x128 --package " + file(kind + std::string(".relievo")))
+            .exit_code,
+        0);
+  const auto scene = [&](const std::string& artworks) {
+    return R"({"format": "relievo-scene", "version": 1, "picture": {"size_px": [96, 64]}, "artworks": [)" + artworks +
+           "]}";
+  };
+  const std::string stone = R"({"file": "inscription.relievo", "pose": {"rotate_deg": [-25, 0, 0]}})",
+                    coin = R"({"file": "coin.relievo", "pose": {"position_mm": [0, -100, 200]}})",
+                    aside = R"({"file": "coin.relievo", "pose": {"position_mm": [90, -100, 200]}})";
+  for (const auto& [name, artworks] : {std::pair<std::string, std::string>{"two", stone + "," + coin},
+                                       {"turned", coin + "," + stone},
+                                       {"moved", stone + "," + aside},
+                                       {"one", stone}})
+    write(name + ".json", scene(artworks));
+  write("alone.json", R"({"format": "relievo-scene", "version": 1, "picture": {"size_px": [96, 64]},
+    "artwork": "inscription.relievo", "pose": {"rotate_deg": [-25, 0, 0]}})");
+  // Nobody who takes one artwork takes the first.
+  const std::string folder = file("o"), mesh = file("x.ply");
+  for (const std::string& command :
+       {std::string("info "), std::string("verify "), "accuracy --quick -o " + folder + " ", "export -o " + mesh + " ",
+        "compare -o " + folder + " "}) {
+    const Outcome refused = relievo(command + file("two.json"));
+    EXPECT_EQ(refused.exit_code, 1) << command;
+    EXPECT_NE(refused.output.find("has 2 artworks, and this command takes one"), std::string::npos) << refused.output;
+    EXPECT_NE(refused.output.find("inscription.relievo, "), std::string::npos) << refused.output;
+  }
+  EXPECT_EQ(relievo("info " + file("one.json")).exit_code, 0) << "the control";
+  EXPECT_EQ(relievo("plan --no-measure " + file("two.json") + " --json " + file("coin.relievo")).exit_code, 1)
+      << "an input";
+  const std::string plan = relievo("plan --no-measure " + file("two.json")).output;
+  for (const char* named : {"inscription.relievo\n", "coin.relievo\n", "composition"})
+    EXPECT_NE(plan.find(named), std::string::npos) << plan;
+  EXPECT_EQ(relievo("plan --no-measure " + file("one.json")).output.find("composition"), std::string::npos);
+  const Outcome drawn = relievo("render " + file("two.json") + " -o " + file("two.png") + " --stats " +
+                                file("two.stats") + " --frames 2");
+  if (noGl(drawn)) GTEST_SKIP() << "no GL";
+  ASSERT_EQ(drawn.exit_code, 0) << drawn.output;
+  std::ifstream in(file("two.stats"));
+  const auto stats = nlohmann::json::parse(in);
+  EXPECT_EQ(stats["artworks"].size(), 2u);
+  EXPECT_GT(stats["composition_mib"], 0);
+  for (const char* name : {"turned", "moved", "one", "alone"})
+    ASSERT_EQ(
+        relievo("render " + file(name + std::string(".json")) + " -o " + file(name + std::string(".png"))).exit_code,
+        0);
+  const auto same = [&](const std::string& a, const std::string& b) {
+    return run("cmp -s " + file(a) + " " + file(b)).exit_code == 0;
+  };
+  EXPECT_TRUE(same("two.png", "turned.png"));
+  EXPECT_FALSE(same("two.png", "moved.png")) << "the control: another pose";
+  EXPECT_TRUE(same("one.png", "alone.png")) << "a list of one is that one";
+  EXPECT_FALSE(same("two.png", "one.png"));
+  // What is wrong with one is said of it.
+  write("lost.json", scene(stone + R"(,{"file": "lost.relievo"})"));
+  const Outcome lost = relievo("render " + file("lost.json") + " -o " + file("e.png"));
+  EXPECT_EQ(lost.exit_code, 2) << lost.output;
+  EXPECT_NE(lost.output.find("lost.relievo"), std::string::npos) << lost.output;
+  const Outcome unlit = relievo("render " + file("two.json") + " --unlit -o " + file("e.png"));
+  EXPECT_EQ(unlit.exit_code, 1);
+  EXPECT_NE(unlit.output.find("inscription.relievo: "), std::string::npos) << unlit.output;
+}
+
 // Pictures of a scene that moves: each is that of its moment alone, whatever was drawn before it.
 TEST_F(Cli, ASceneThatMovesIsDrawnMomentByMoment) {
   ASSERT_EQ(relievo("sample coin --size 128x128 --package " + file("coin.relievo")).exit_code, 0);

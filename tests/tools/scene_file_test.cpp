@@ -16,6 +16,7 @@ namespace scene_file_test {
 using Json = nlohmann::ordered_json;
 
 const std::string kHead = R"({"format": "relievo-scene", "version": 1, "artwork": "a.relievo")";
+const std::string kSeveral = R"({"format": "relievo-scene", "version": 1, "artworks": [)";
 
 TEST(SceneFiles, ComeBackAsTheyWereWritten) {
   std::mt19937 random(5);
@@ -69,6 +70,18 @@ TEST(SceneFiles, ComeBackAsTheyWereWritten) {
       if (some()) s.shading.low_mm = number(-3, -1);
       if (some()) s.shading.high_mm = number(0, 3);
       if (some()) s.shading.up = {number(-1, 1), 1.0 / 3, 1};
+    }
+    const auto somePose = [&] {
+      Pose pose;
+      if (some()) pose.position_mm = {number(-1e6, 1e6), 1.0 / 3, 0};
+      if (some()) pose.rotate_deg = {number(-360, 360), 0, 1.0 / 3};
+      return pose;
+    };
+    if (some()) {
+      s.pose = somePose();
+    } else {
+      s.artwork.clear();
+      for (size_t i = 2 + random() % 15; i > 0; --i) s.artworks.push_back({"a" + std::to_string(i), somePose()});
     }
     if (some()) s.light_fixed = some();
     if (some()) s.shadows = some();
@@ -162,6 +175,14 @@ TEST(SceneFiles, AreRefusedNamingWhatIsWrong) {
       {kHead + R"(, "shading": {"kind": "slope", "full_deg": 91}})", "from 0.01 to 90 for 'shading.full_deg'"},
       {kHead + R"(, "shading": {"kind": "depth", "low_mm": 1, "high_mm": 1}})", "are the same"},
       {kHead + R"(, "shading": {"kind": "slope", "up": [0, 0, 0]}})", "'shading.up' is zero"},
+      {kHead + R"(, "pose": {"scale": 2}})", "there is no 'pose.scale'; known are position_mm, rotate_deg"},
+      {kHead + R"(, "pose": {"rotate_deg": [0, 90]}})", "3 numbers"},
+      {kHead + R"(, "artworks": [{"file": "b"}]})", "'artworks' takes the place of 'artwork': leave out one of them"},
+      {kSeveral + R"({"file": "a"}], "pose": {"position_mm": [0, 0, 1]}})", "each of 'artworks' has its own"},
+      {kSeveral + R"({"file": ""}]})", "a file's name for 'artworks[0].file'"},
+      {kSeveral + R"({"pose": {}}]})", "'artworks[0].file' is missing"},
+      {kSeveral + R"({"file": "a", "scale": 2}]})", "there is no 'artworks[0].scale'; known are file, pose"},
+      {kSeveral + "]}", "a list of 1 to 16 objects for 'artworks'"},
       {kHead + R"(, "camera": []})", "expected an object for 'camera'"},
       {kHead + R"(, "camera": {"fov": 3}})", "'camera.fov'"},
       {kHead + R"(, "camera": {"fov_deg": 171}})", "from 1 to 170 for 'camera.fov_deg'"},
@@ -218,11 +239,13 @@ void tryMembers(const Json& schema, const std::vector<std::string>& within, int&
     std::vector<std::string> path = within;
     for (const bool good : {true, false}) {
       Json scene = Json::parse(kHead + "}");
+      if (name == "artworks" || (!within.empty() && within[0] == "artworks")) scene.erase("artwork");
       Json* at = &scene;
       for (const std::string& part : path) {
         // Keys are two or more, one after the other, and those with a position belong to a near light.
         if (part == "keys" && name == "position_mm") at->update(Json{{"position_mm", {0, 0, 1}}, {"reference_mm", 1}});
         if (part == "keys" || part == "camera_path") (*at)[part] = {{{"time_s", 1}}, {{"time_s", 2}}};
+        if (part == "artworks") (*at)[part] = {{{"file", "a.relievo"}}};
         at = part == kFirst ? &(*at)[0] : &(*at)[part];
       }
       if (schema.contains("dependentRequired") && schema["dependentRequired"].contains(name)) {
@@ -245,7 +268,9 @@ void tryMembers(const Json& schema, const std::vector<std::string>& within, int&
 
 TEST(SceneFiles, AreReadAsTheirSchemaSays) {
   const Json schema = Json::parse(sceneSchema());
-  EXPECT_EQ(schema["required"], Json({"format", "version", "artwork"}));
+  EXPECT_EQ(schema["required"], Json({"format", "version"}));
+  const Json one_of{{{"required", {"artwork"}}}, {{"required", {"artworks"}}}};
+  EXPECT_EQ(schema["oneOf"], one_of) << "the one artwork or several";
   EXPECT_EQ(schema["additionalProperties"], false);
   int tried = 0;
   tryMembers(schema, {}, tried);
@@ -264,7 +289,22 @@ TEST(SceneFiles, ExamplesAreReadAndSayWhatTheyAreFor) {
     EXPECT_GT(json.value("about", "").size(), 20u) << entry.path();
     ++examples;
   }
-  EXPECT_EQ(examples, 10);
+  EXPECT_EQ(examples, 11);
+}
+
+TEST(SceneFiles, OfOneArtworkInAListAreThoseOfThatArtwork) {
+  const auto listed =
+                 parseScene(kSeveral + R"({"file": "a.relievo", "pose": {"rotate_deg": [1, 2, 3]}}]})", "scene.json"),
+             alone = parseScene(kHead + R"(, "pose": {"rotate_deg": [1, 2, 3]}})", "scene.json"),
+             two = parseScene(kSeveral + R"({"file": "a.relievo"}, {"file": "b.relievo"}]})", "scene.json");
+  ASSERT_TRUE(listed && alone && two);
+  EXPECT_EQ(*listed, *alone);
+  EXPECT_EQ(onlyArtwork(*listed, "scene.json").value(), "a.relievo");
+  const auto refused = onlyArtwork(*two, "scene.json");
+  ASSERT_FALSE(refused);
+  EXPECT_EQ(
+      refused.error().text(),
+      "scene.json: the scene has 2 artworks, and this command takes one (give it an artwork: a.relievo, b.relievo)");
 }
 
 TEST(SceneFiles, HoldLightsThatAnOptionGives) {

@@ -59,14 +59,14 @@ class Path {
   std::vector<FlightKey> keys_;
 };
 
-struct Stage {
+struct FlightStage {
   OrbitCamera whole;                  // all in view
   double close_mm = 0;                // distance of the close-ups
   double half_w = 0, half_h = 0;      // of the artwork, mm
   double screen_w = 0, screen_h = 0;  // of the plane seen from close by, mm
 };
-Stage stageFor(const FlatDomain& domain, int width_px, int height_px, const FlightScale& scale) {
-  Stage s;
+FlightStage stageFor(const FlatDomain& domain, int width_px, int height_px, const FlightScale& scale) {
+  FlightStage s;
   s.whole = fitCamera(domain, width_px, height_px);
   double pixels_per_radian = height_px / (2 * std::tan(s.whole.fov_deg * std::numbers::pi / 360));
   s.close_mm = std::min(pixels_per_radian * domain.mm_per_px / scale.close_px, s.whole.distance_mm / 2);
@@ -115,7 +115,7 @@ OrbitCamera cameraAt(const Flight& flight, double time_s) {
 }
 
 Flight orbitFlight(const FlatDomain& domain, int width_px, int height_px, const FlightScale& scale) {
-  Stage s = stageFor(domain, width_px, height_px, scale);
+  FlightStage s = stageFor(domain, width_px, height_px, scale);
   OrbitCamera c = s.whole;
   c.distance_mm = std::max(s.close_mm, 0.4 * s.whole.distance_mm);
   Path path(c, scale.speed);
@@ -134,7 +134,7 @@ Flight orbitFlight(const FlatDomain& domain, int width_px, int height_px, const 
 }
 
 Flight readingFlight(const FlatDomain& domain, int width_px, int height_px, const FlightScale& scale) {
-  Stage s = stageFor(domain, width_px, height_px, scale);
+  FlightStage s = stageFor(domain, width_px, height_px, scale);
   double reach = std::max(0.0, s.half_w - 0.5 * s.screen_w), line = std::min(0.4 * s.half_h, 0.7 * s.screen_h);
   Path path(s.whole, scale.speed);
   path.stay(kStill_s);
@@ -153,7 +153,7 @@ Flight readingFlight(const FlatDomain& domain, int width_px, int height_px, cons
 }
 
 Flight zoomFlight(const FlatDomain& domain, int width_px, int height_px, const FlightScale& scale) {
-  Stage s = stageFor(domain, width_px, height_px, scale);
+  FlightStage s = stageFor(domain, width_px, height_px, scale);
   glm::dvec3 a{-0.55 * s.half_w, 0.4 * s.half_h, 0}, b{0.5 * s.half_w, -0.45 * s.half_h, 0}, middle{0};
   double between_mm = std::sqrt(s.close_mm * s.whole.distance_mm);
   Path path(s.whole, scale.speed);
@@ -169,7 +169,7 @@ Flight zoomFlight(const FlatDomain& domain, int width_px, int height_px, const F
 }
 
 Flight wanderFlight(const FlatDomain& domain, int width_px, int height_px, const FlightScale& scale) {
-  Stage s = stageFor(domain, width_px, height_px, scale);
+  FlightStage s = stageFor(domain, width_px, height_px, scale);
   OrbitCamera c = s.whole;
   c.azimuth_deg = -20;
   c.elevation_deg = 15;

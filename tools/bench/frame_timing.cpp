@@ -17,19 +17,12 @@ double medianOf(std::vector<double> ms) {
   return ms[ms.size() / 2];
 }
 
-double timedFrameMs(Engine& engine) {
-  const double start = steadyNow();
-  engine.frame(start);
-  engine.readPixels();  // waits for the picture
-  return (steadyNow() - start) * 1000;
-}
-
-std::vector<double> movingFramesMs(Engine& engine, OrbitCamera camera, int frames) {
+std::vector<double> movingFramesMs(Stage& stage, OrbitCamera camera, int frames) {
   std::vector<double> ms;
   for (int i = 0; i < frames && !interruptedFlag(); ++i) {
     camera.azimuth_deg += i % 2 == 0 ? 1e-6 : -1e-6;
-    engine.setCamera(camera);
-    ms.push_back(timedFrameMs(engine));
+    stage.setCamera(camera);
+    ms.push_back(timedFrameMs(stage));
   }
   return ms;
 }

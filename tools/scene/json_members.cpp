@@ -113,6 +113,12 @@ Result<void> readMembers(const Json& object, const JsonMembers& members, const s
   for (const JsonMember& m : members)
     if (!m.beside.empty() && object.contains(m.name) && !object.contains(m.beside))
       return origin.invalid("'" + within + m.name + "' needs '" + within + m.beside + "' beside it");
+  for (const JsonMember& m : members) {
+    if (m.or_else.empty() || object.contains(m.name) != object.contains(m.or_else)) continue;
+    if (!object.contains(m.name)) return origin.invalid("'" + within + m.name + "' is missing");
+    return origin.invalid("'" + within + m.or_else + "' takes the place of '" + within + m.name +
+                          "': leave out one of them");
+  }
   for (const JsonMember& m : members)
     if (m.needed && !object.contains(m.name)) return origin.invalid("'" + within + m.name + "' is missing");
   return {};
@@ -128,6 +134,8 @@ Json schemaOfObject(const JsonMembers& members, Json schema) {
   for (const JsonMember& m : members) {
     properties[m.name] = schemaOfMember(m);
     if (m.needed) required.push_back(m.name);
+    if (!m.or_else.empty())
+      schema["oneOf"] = {{{"required", Json::array({m.name})}}, {{"required", Json::array({m.or_else})}}};
     if (!m.beside.empty()) schema["dependentRequired"][m.name] = {m.beside};
   }
   schema["properties"] = std::move(properties);

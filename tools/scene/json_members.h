@@ -30,7 +30,8 @@ struct JsonMember {
   std::function<std::vector<JsonMember>(size_t index)> item;
   size_t least = 1, most = 1;
   bool needed = false;
-  std::string beside;  // the member that must be there where this one is; empty: none
+  std::string beside;   // the member that must be there where this one is; empty: none
+  std::string or_else;  // either this member is there or that one, and not both; empty: there is no such other
   // Called with a value of that kind and range; not of an object, whose members are taken one by one. Of a list of
   // objects it is called before those.
   std::function<void(const nlohmann::ordered_json&)> take;

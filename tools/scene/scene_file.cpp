@@ -28,8 +28,8 @@ JsonMembers cameraMembers(SceneCamera& c) {
           numberMember("mm_per_px", "Scale of an orthographic picture, mm a px, in place of distance_mm", 1e-12, 1e9,
                        c.mm_per_px),
           boolMember("orthographic", "Parallel lines of sight", c.orthographic),
-          tripleMember("target_mm", "What the camera looks at, mm from the artwork's origin", -kFarthestMm, kFarthestMm,
-                       c.target_mm)};
+          tripleMember("target_mm", "What the camera looks at, mm; without a pose from the artwork's origin",
+                       -kFarthestMm, kFarthestMm, c.target_mm)};
 }
 
 JsonMembers effectMembers(SceneFile& s, std::vector<std::optional<double>>& values) {
@@ -82,16 +82,17 @@ JsonMember lightsMember(LightList& to) {
         numberMember("size_mm", "Of a near light, its diameter, mm: with light.shadows how soft these are [0: hard]", 0,
                      kFarthestMm, l.size_mm);
     diameter.beside = "position_mm";
-    return {tripleMember("towards", "Towards a light that is far away: right, up, to the viewer [0, 0, 1]", -1e9, 1e9,
-                         l.towards),
-            std::move(size),
-            tripleMember("position_mm", "In its place, where a near light is, mm from the artwork's origin",
-                         -kFarthestMm, kFarthestMm, l.position_mm),
-            std::move(diameter),
-            std::move(reference),
-            numberMember("intensity", "Times this, in linear light [1]", 0, kMaxLightIntensity, l.intensity),
-            tripleMember("color", "Red, green, blue of its light, linear [1, 1, 1]", 0, 1, l.color),
-            lightKeysMember(l.keys)};
+    return {
+        tripleMember("towards", "Towards a light that is far away: right, up, to the viewer [0, 0, 1]", -1e9, 1e9,
+                     l.towards),
+        std::move(size),
+        tripleMember("position_mm", "In its place, where a near light is, mm; without a pose from the artwork's origin",
+                     -kFarthestMm, kFarthestMm, l.position_mm),
+        std::move(diameter),
+        std::move(reference),
+        numberMember("intensity", "Times this, in linear light [1]", 0, kMaxLightIntensity, l.intensity),
+        tripleMember("color", "Red, green, blue of its light, linear [1, 1, 1]", 0, 1, l.color),
+        lightKeysMember(l.keys)};
   };
   return objectsMember(
       "lights", "In the place of light.towards: lights that add up in linear light", 1, kMaxLights,
@@ -215,6 +216,53 @@ Json jsonOf(const ReliefShading& s) {
   return json;
 }
 
+// A pose as it is written.
+struct PoseMembers {
+  std::optional<std::array<double, 3>> position_mm, rotate_deg;
+};
+
+JsonMember poseMember(PoseMembers& to) {
+  return objectMember(
+      "pose", "Where the artwork stands; camera and lights stay",
+      {tripleMember("position_mm", "Where its origin is, mm [0, 0, 0]", -kFarthestMm, kFarthestMm, to.position_mm),
+       tripleMember("rotate_deg",
+                    "It is turned by so much about x, then y, then z, degrees, as build --rotate turns a scan, before "
+                    "it is moved; [0, 180, 0] shows its back [0, 0, 0]",
+                    -1e6, 1e6, to.rotate_deg)});
+}
+
+Pose poseOf(const PoseMembers& m) {
+  Pose pose;
+  pose.position_mm = m.position_mm.value_or(pose.position_mm);
+  pose.rotate_deg = m.rotate_deg.value_or(pose.rotate_deg);
+  return pose;
+}
+
+Json jsonOf(const Pose& pose) {
+  Json json = Json::object();
+  if (pose.position_mm != Pose{}.position_mm) json["position_mm"] = pose.position_mm;
+  if (pose.turns()) json["rotate_deg"] = pose.rotate_deg;
+  return json;
+}
+
+// Artworks while they are read.
+struct ArtworkList {
+  std::array<std::string, kMostArtworks> files;
+  std::array<PoseMembers, kMostArtworks> poses;
+  size_t count = 0;
+};
+
+JsonMember artworksMember(ArtworkList& to) {
+  const auto membersOfOne = [&to](size_t i) -> JsonMembers {
+    JsonMember file = textMember("file", "Its file, from this file's folder on", to.files[i]);
+    file.needed = true;
+    return {std::move(file), poseMember(to.poses[i])};
+  };
+  return objectsMember(
+      "artworks", "In the place of artwork and pose: artworks that are seen together", 1, kMostArtworks,
+      [&to](size_t count) { to.count = count; }, membersOfOne);
+}
+
 // A gloss as it is written.
 struct GlossMembers {
   std::optional<double> reflectance, roughness;
@@ -236,6 +284,8 @@ struct SceneParts {
   std::vector<std::optional<double>> values;  // of the effects' parameters
   LightList lights;
   GlossMembers gloss;
+  PoseMembers pose;
+  ArtworkList artworks;
   ShadingMembers shading;
   std::vector<CameraKeyMembers> path;
   std::optional<double> duration_s;
@@ -244,9 +294,11 @@ struct SceneParts {
 // parts outlive the members.
 JsonMembers sceneMembers(SceneFile& s, SceneParts& parts) {
   JsonMember artwork = textMember("artwork", "The artwork's file, from this file's folder on", s.artwork);
-  artwork.needed = true;
+  artwork.or_else = "artworks";
   return {textMember("about", "Any text", parts.about),
           std::move(artwork),
+          poseMember(parts.pose),
+          artworksMember(parts.artworks),
           objectMember("camera", "Where it is seen from", cameraMembers(s.camera)),
           cameraPathMember(parts.path),
           numberMember("duration_s", "How long camera_path and lights with keys take, seconds [to the last key]", 1e-3,
@@ -275,6 +327,21 @@ JsonMembers sceneMembers(SceneFile& s, SceneParts& parts) {
                         wholeMember("samples", "Samples a pixel of a still picture", {1, 4, 8}, s.samples),
                         tripleMember("background", "Red, green, blue where the artwork is not", 0, 255, s.background)}),
           objectMember("settings", "What stands between accuracy and time", settingsMembers(s.settings))};
+}
+
+// What is shown, and what is wrong with it. A list of one is that one.
+std::string takeArtworks(const ArtworkList& list, SceneFile& scene) {
+  if (list.count == 0) return scene.artwork.empty() ? "expected a file's name for 'artwork'" : "";
+  if (scene.pose.isOn()) return "'pose' is that of 'artwork': each of 'artworks' has its own";
+  for (size_t i = 0; i < list.count; ++i) {
+    if (list.files[i].empty()) return "expected a file's name for 'artworks[" + std::to_string(i) + "].file'";
+    scene.artworks.push_back({list.files[i], poseOf(list.poses[i])});
+  }
+  if (list.count > 1) return "";
+  scene.artwork = scene.artworks[0].file;
+  scene.pose = scene.artworks[0].pose;
+  scene.artworks.clear();
+  return "";
 }
 
 // What moves, and what is wrong with it beside the rest of the scene.
@@ -311,7 +378,8 @@ Result<SceneFile> parseScene(const std::string& text, const std::string& name) {
   const auto invalid = [&](const std::string& what, const char* hint) {
     return Error{ErrorKind::kInvalidData, name, what, hint, {}};
   };
-  if (scene.artwork.empty()) return invalid("expected a file's name for 'artwork'", "");
+  scene.pose = poseOf(parts.pose);
+  if (const std::string problem = takeArtworks(parts.artworks, scene); !problem.empty()) return invalid(problem, "");
   if (scene.light && *scene.light == std::array<double, 3>{})
     return invalid("the light's direction is zero", "for example [-0.7, 0.4, 0.6]");
   for (const std::string& problem :
@@ -340,15 +408,37 @@ Result<SceneFile> readScene(const std::string& path) {
   auto text = readTextFile(path, kMaxSceneBytes);
   if (!text) return text.error();
   auto scene = parseScene(*text, path);
-  if (scene) scene->artwork = (std::filesystem::path(path).parent_path() / scene->artwork).string();
+  if (!scene) return scene;
+  const auto opened = [&](std::string& file) {
+    if (!file.empty()) file = (std::filesystem::path(path).parent_path() / file).string();
+  };
+  opened(scene->artwork);
+  for (SceneArtwork& artwork : scene->artworks) opened(artwork.file);
   return scene;
+}
+
+Result<std::string> onlyArtwork(const SceneFile& scene, const std::string& path) {
+  if (scene.artworks.empty()) return scene.artwork;
+  std::string files;
+  for (size_t i = 0; i < scene.artworks.size(); ++i) {
+    const auto here = scene.artworks.begin() + static_cast<std::ptrdiff_t>(i);
+    const auto same = [&](const SceneArtwork& other) { return other.file == here->file; };
+    if (std::none_of(scene.artworks.begin(), here, same)) files += (files.empty() ? "" : ", ") + here->file;
+  }
+  return Error{ErrorKind::kUsage,
+               path,
+               "the scene has " + std::to_string(scene.artworks.size()) + " artworks, and this command takes one",
+               "give it an artwork: " + files,
+               {}};
 }
 
 Result<void> takeArtwork(std::string& file) {
   if (!namesScene(file)) return {};
   auto scene = readScene(file);
   if (!scene) return scene.error();
-  file = scene->artwork;
+  auto only = onlyArtwork(*scene, file);
+  if (!only) return only.error();
+  file = *only;
   return {};
 }
 
@@ -359,7 +449,13 @@ bool namesScene(const std::string& path) {
 }
 
 std::string sceneText(const SceneFile& s) {
-  Json json = {{"format", kSceneFormat.name}, {"version", kSceneVersion}, {"artwork", s.artwork}};
+  Json json = {{"format", kSceneFormat.name}, {"version", kSceneVersion}};
+  if (s.artworks.empty()) json["artwork"] = s.artwork;
+  for (const SceneArtwork& artwork : s.artworks) {
+    Json one = {{"file", artwork.file}};
+    if (artwork.pose.isOn()) one["pose"] = jsonOf(artwork.pose);
+    json["artworks"].push_back(std::move(one));
+  }
   Json camera = Json::object(), light = Json::object(), surface = Json::object(), effects = Json::object(),
        picture = Json::object();
   putKnown(camera, "azimuth_deg", s.camera.azimuth_deg);
@@ -393,6 +489,7 @@ std::string sceneText(const SceneFile& s) {
                                {"effects", effects},
                                {"picture", picture}})
     if (!object.empty()) json[name] = object;
+  if (s.pose.isOn()) json["pose"] = jsonOf(s.pose);
   for (size_t i = 0; i < s.lights.size(); ++i) {
     Json one = jsonOf(s.lights[i]);
     if (i < s.animation.lights.size())

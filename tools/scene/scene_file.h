@@ -17,6 +17,15 @@
 //
 //    "camera_path": [{"time_s": 0, "azimuth_deg": -30}, {"time_s": 4, "azimuth_deg": 30}]
 //
+// "pose" says where the artwork stands (src/render/pose.h); without one its own space is the world:
+//
+//    "pose": {"position_mm": [40, 0, 0], "rotate_deg": [0, 180, 0]}
+//
+// "artworks" is a list of 1 to kMostArtworks of them, each with its pose, in the place of "artwork" and "pose"
+// (src/engine/stage.h):
+//
+//    "artworks": [{"file": "obverse.relievo"}, {"file": "reverse.relievo", "pose": {"position_mm": [35, 0, 0]}}]
+//
 // `relievo plan --schema` prints its JSON Schema, which says what every member means. What a scene leaves out is as
 // without the option of that name; units are those of the options (relievo render --help). Unknown members, other types
 // and values out of range are refused. Safe for untrusted text.
@@ -30,6 +39,7 @@
 #include "src/base/result.h"
 #include "src/engine/effect_plan.h"
 #include "src/engine/scene_animation.h"
+#include "src/engine/stage.h"
 #include "src/render/camera.h"
 #include "tools/scene/settings_file.h"
 
@@ -45,8 +55,16 @@ struct SceneCamera {
   friend bool operator==(const SceneCamera&, const SceneCamera&) = default;
 };
 
+struct SceneArtwork {
+  std::string file;
+  Pose pose;
+  friend bool operator==(const SceneArtwork&, const SceneArtwork&) = default;
+};
+
 struct SceneFile {
   std::string artwork;  // as it is written: from the scene file's folder on, where it is no absolute path
+  Pose pose;            // usually off
+  std::vector<SceneArtwork> artworks;  // two or more, in their place; usually empty
   SceneCamera camera;
   SceneAnimation animation;                    // camera and lights that move; usually none
   std::optional<std::array<double, 3>> light;  // towards it; of any length above 0
@@ -72,9 +90,11 @@ struct SceneFile {
 
 // name: of the file, for errors (kInvalidData; kUnsupported of newer versions).
 Result<SceneFile> parseScene(const std::string& text, const std::string& name);
-// artwork becomes a path that can be opened.
+// Artworks become paths that can be opened.
 Result<SceneFile> readScene(const std::string& path);
-// Where `file` names a scene, it becomes the scene's artwork.
+// The one artwork of a scene, for commands that take no more: kUsage where it has several. path: the scene's.
+Result<std::string> onlyArtwork(const SceneFile& scene, const std::string& path);
+// Where `file` names a scene, it becomes the scene's only artwork.
 Result<void> takeArtwork(std::string& file);
 // Does the name say that it is a scene (.json)?
 bool namesScene(const std::string& path);

@@ -83,6 +83,42 @@ std::vector<ScenePart> partsOf(const Scene& scene, const Manifest& manifest) {
   return parts;
 }
 
+std::vector<ScenePart> partsOf(const Scene& scene, std::span<const Manifest* const> manifests) {
+  std::vector<ScenePart> parts;
+  for (const Manifest* manifest : manifests)
+    for (ScenePart& part : partsOf(scene, *manifest)) {
+      const bool known =
+          std::any_of(parts.begin(), parts.end(), [&](const ScenePart& other) { return other.name == part.name; });
+      if (!known && std::all_of(manifests.begin(), manifests.end(),
+                                [&](const Manifest* other) { return sceneProblem(part.without, *other).empty(); }))
+        parts.push_back(std::move(part));
+    }
+  return parts;
+}
+
+PlannedScene together(std::span<const PlannedScene> artworks) {
+  PlannedScene all = artworks[0];
+  const auto addNames = [](std::vector<std::string>& to, const std::vector<std::string>& from) {
+    for (std::string& name : added(from, to)) to.push_back(std::move(name));
+  };
+  for (const PlannedScene& one : artworks.subspan(1)) {
+    addNames(all.passes, one.passes);
+    addNames(all.defines, one.defines);
+    for (const PlannedPlane& plane : one.planes) {
+      const auto same = std::find_if(all.planes.begin(), all.planes.end(),
+                                     [&](const PlannedPlane& other) { return other.name == plane.name; });
+      if (same == all.planes.end()) {
+        all.planes.push_back(plane);
+        continue;
+      }
+      same->stored_bytes = std::max(same->stored_bytes, plane.stored_bytes);
+      same->loaded_bytes = std::max(same->loaded_bytes, plane.loaded_bytes);
+    }
+  }
+  if (artworks.size() > 1) all.passes.emplace_back("composition");
+  return all;
+}
+
 double PlannedScene::storedBytes() const {
   double sum = 0;
   for (const PlannedPlane& p : planes) sum += p.stored_bytes;

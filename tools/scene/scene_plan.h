@@ -2,6 +2,7 @@
 #pragma once
 
 #include <cstdint>
+#include <span>
 #include <string>
 #include <vector>
 
@@ -19,6 +20,8 @@ struct ScenePart {
 };
 // Those that change the artwork's plan, in a fixed order.
 std::vector<ScenePart> partsOf(const Scene& scene, const Manifest& manifest);
+// Of several artworks: those that change the plan of one and can be left out for all.
+std::vector<ScenePart> partsOf(const Scene& scene, std::span<const Manifest* const> manifests);
 
 struct PlannedPlane {
   std::string name;
@@ -35,6 +38,10 @@ struct PlannedScene {
 };
 // Reads the package's index: kIo, kInterrupted.
 Result<PlannedScene> planScene(const Scene& scene, const Package& package);
+
+// Of several artworks together: what one of them calls for, each plane once, with the largest of its sizes, and the
+// composition. Its plan is that of the first.
+PlannedScene together(std::span<const PlannedScene> artworks);
 
 // What is in `all` and not in `some`, in order.
 std::vector<std::string> added(const std::vector<std::string>& all, const std::vector<std::string>& some);

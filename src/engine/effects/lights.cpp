@@ -38,14 +38,14 @@ const SceneLight* firstFarLight(std::span<const SceneLight> lights) {
   return first;
 }
 
-PlacedLight placedLight(const SceneLight& light, const glm::dmat3& world_from_light, const glm::dvec3& middle_mm) {
+PlacedLight placedLight(const SceneLight& light, const glm::dmat3& artwork_from_light, const glm::dvec3& middle_mm) {
   PlacedLight out{.near = light.near,
                   .place = {light.place[0], light.place[1], light.place[2]},
                   .color = light.intensity * glm::dvec3(light.color[0], light.color[1], light.color[2]),
                   .reference_mm = light.reference_mm};
   if (!light.near) {
     const double length = glm::length(out.place);
-    out.place = world_from_light * (length > 0 && std::isfinite(length) ? out.place / length : glm::dvec3(0, 0, 1));
+    out.place = artwork_from_light * (length > 0 && std::isfinite(length) ? out.place / length : glm::dvec3(0, 0, 1));
   } else if (out.reference_mm == 0) {
     out.reference_mm = glm::length(out.place - middle_mm);
   }

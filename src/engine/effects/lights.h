@@ -29,7 +29,7 @@ inline constexpr double kMaxLightIntensity = 1000;
 
 struct SceneLight {
   bool near = false;
-  // Towards it, as Scene::light and of any length above 0; of a near one where it is, mm from the artwork's origin.
+  // Towards it, as Scene::light and of any length above 0; of a near one where it is in the world, mm.
   std::array<double, 3> place{0, 0, 1};
   double intensity = 1;
   std::array<double, 3> color{1, 1, 1};  // linear, 0..1
@@ -54,8 +54,8 @@ struct PlacedLight {
   glm::dvec3 color{1};        // linear, times the intensity
   double reference_mm = 1;
 };
-// world_from_light: of directions. middle_mm: of the artwork.
-PlacedLight placedLight(const SceneLight& light, const glm::dmat3& world_from_light, const glm::dvec3& middle_mm);
+// artwork_from_light: of directions. A near light's place and middle_mm, the artwork's: in the same space.
+PlacedLight placedLight(const SceneLight& light, const glm::dmat3& artwork_from_light, const glm::dvec3& middle_mm);
 
 // The colour of a place of the surface, display-encoded, 1 is white, not clamped. raw: the channels as evaluatePixel()
 // takes them.
