@@ -280,10 +280,8 @@ Result<ScenePlan> planOf(const Scene& scene, const SceneArtworks& artworks, std:
     flat_extents.push_back({artworkExtent(*manifests[i], 0), artworks.named[i].pose});
   const glm::dvec3 middle = worldExtent(flat_extents).centre();
   if (plan.whole.plan.lights > 0)
-    for (const SceneLight& light : shadedLights(scene.lights)) {
-      const char* shadows = !plan.whole.plan.shadows ? "" : light.near ? ", no shadows" : ", shadows";
-      plan.lights.push_back(lightText(light, middle) + shadows);
-    }
+    for (const SceneLight& light : shadedLights(scene.lights))
+      plan.lights.push_back(lightText(light, middle) + (plan.whole.plan.shadows ? ", shadows" : ""));
   for (ScenePart& part : partsOf(scene, manifests)) {
     auto without = plannedTogether(part.without, artworks);
     if (!without) return without.error();

@@ -474,6 +474,11 @@ TEST_F(Cli, LightsAreThoseOfTheSceneOrTheOption) {
     EXPECT_NE(plan.find("near, at 3 4 0 mm, intensity 1 at 5 mm"), std::string::npos) << plan;
     EXPECT_NE(plan.find("kept depth"), std::string::npos) << plan;
   }
+  // Near ones cast shadows as well.
+  EXPECT_EQ(scene.find(", shadows"), std::string::npos) << scene;
+  const std::string shadowed = relievo("plan --no-measure --shadows " + file("scene.json")).output;
+  for (const char* light : {"at 3 4 0 mm, intensity 1 at 5 mm, color 1 1 1, shadows", "color 1 0.5 0, shadows"})
+    EXPECT_NE(shadowed.find(light), std::string::npos) << shadowed;
   // --light takes the place of the scene's.
   const std::string one = relievo("plan --no-measure " + file("scene.json") + " --light 1,0,1").output;
   EXPECT_EQ(one.find("LIGHTS"), std::string::npos) << one;
