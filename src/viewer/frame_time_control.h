@@ -22,7 +22,7 @@ namespace relievo {
 class FrameTimeControl {
  public:
   static constexpr double kGain = 0.9;
-  static constexpr double kLow = 0.65, kHigh = 0.93, kAim = 0.8;  // of the target
+  static constexpr double kLow = 0.65, kHigh = 0.85, kAim = 0.71;  // of the target
   static constexpr double kSamplingPressure = 0.25, kGeometryPressure = 1.25, kResolutionPressure = 3.25,
                           kMostPressure = 4.25;
   static constexpr int kFramesUnjudged = 1;  // after a change
