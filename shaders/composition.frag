@@ -14,7 +14,7 @@ out vec4 o_colour;
 // Grows towards the viewer, and is the same measure for all artworks.
 float nearnessOf(int layer, ivec2 pixel) {
   float depth = texelFetch(u_depths, ivec3(pixel, layer), 0).r;
-  float towards = u_reversed > 0.5 ? depth : 1.0 - depth;  // exact: depth is a multiple of 2^-24
+  float towards = u_reversed > 0.5 ? depth : 1.0 - depth;  // to half of 2^-24, a step of the depth
   return u_nearness[layer].x + towards * u_nearness[layer].y;
 }
 

@@ -227,6 +227,9 @@ void addAccuracyCommand(CLI::App& app, CommandContext& context) {
       if (scene->shading.isOn())
         return context.fail(usageError("accuracy is measured of colour and light, and the scene has a shading",
                                        "leave out its \"shading\""));
+      if (scene->pose.isOn() && c->count("--light") == 0)
+        return context.fail(usageError("accuracy is measured of an artwork as it is, and the scene has a pose",
+                                       "say with --light where the light is, as the artwork sees it"));
       if (scene->light && c->count("--light") == 0) o->light = tripleText(*scene->light);
     }
     if (auto done = accuracy(*o); !done) context.fail(done.error());

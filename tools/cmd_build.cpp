@@ -244,7 +244,7 @@ constexpr const char* kFooter =
     "object is seen, and\n"
     "light from behind is taken as grazing light from its side.\n\n"
     "Encodings of texture pages (relief is always exact):\n"
-    "  lossless  exact; q8 is another name for it\n"
+    "  lossless  exact, of scans within --texture-tolerance; q8 is another name for it\n"
     "  q7 ... q4 values rounded to 2^7 ... 2^4 levels: an error of at most 1, 2, 4 or 8 of 255, no seams\n"
     "  jpeg      smallest; --quality chooses. Slow to decode\n"
     "  bc1 bc4 bc5 bc7  blocks that a GPU can sample: 0.5, 1.5, 1.5 and 1 byte per texel and plane of three "

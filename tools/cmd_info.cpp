@@ -230,6 +230,8 @@ void printPages(const Contents& c) {
     printOutf("    left out  %llu nodes of texture that nothing needs; %llu patches have none at all, their tails do\n",
               static_cast<unsigned long long>(left_out), static_cast<unsigned long long>(patchesWithoutTexture(d)));
   const PackageHeader& h = c.package.header();
+  if (h.coded_tails)
+    printOutf("    (lossless texture pages may have fewer texels, within the --texture-tolerance of the build)\n");
   auto kib = [](uint64_t bytes) { return static_cast<double>(bytes) / 1024; };
   printOutf("    besides   index %.1f KiB", kib(h.index_bytes));
   if (h.base_bytes > 0) printOutf(", base mesh %.1f KiB (twice)", kib(h.base_bytes));

@@ -2,6 +2,7 @@
 #include <algorithm>
 #include <cstdio>
 #include <memory>
+#include <optional>
 #include <vector>
 
 #include <CLI/CLI.hpp>
@@ -241,7 +242,7 @@ std::string planJson(const PlanOptions& o, const ScenePlan& plan, std::pair<int,
     part["without"] = jsonOf(c.without);
     json["parts"].push_back(std::move(part));
   }
-  return json.dump(2) + "\n";
+  return json.dump(2, ' ', false, nlohmann::ordered_json::error_handler_t::replace) + "\n";
 }
 
 // Of the artworks as they stand, together.
@@ -261,28 +262,33 @@ Result<PlannedScene> plannedTogether(const Scene& scene, const SceneArtworks& ar
 // But for what is measured.
 Result<ScenePlan> planOf(const Scene& scene, const SceneArtworks& artworks, std::pair<int, int> px) {
   std::vector<const Manifest*> manifests;
+  std::vector<PlacedExtent> flat_extents;
   for (size_t i = 0; i < artworks.named.size(); ++i) {
     manifests.push_back(&artworks.package(i).manifest());
-    Scene own = scene;
-    own.pose = artworks.named[i].pose;
-    if (const std::string problem = sceneProblem(own, *manifests[i]); !problem.empty())
-      return Error{ErrorKind::kUsage, artworks.named[i].file, problem, "", {}};
+    flat_extents.push_back({artworkExtent(*manifests[i], 0), artworks.named[i].pose});
   }
+  const glm::dvec3 middle = middleOf(flat_extents);
+  const std::optional<glm::dvec3> of_all = artworks.several() ? std::optional(middle) : std::nullopt;
+  if (const std::string problem = of_all ? stagedProblem(scene, middle) : ""; !problem.empty())
+    return Error{ErrorKind::kUsage, "", problem, "", {}};
+  for (size_t i = 0; i < artworks.named.size(); ++i)
+    if (const std::string problem = sceneProblem(stagedScene(scene, artworks.named[i].pose, of_all), *manifests[i]);
+        !problem.empty())
+      return Error{ErrorKind::kUsage, artworks.named[i].file, problem, "", {}};
   ScenePlan plan;
   plan.scene = scene;
   std::vector<PlannedScene> each;
   auto whole = plannedTogether(scene, artworks, &each);
   if (!whole) return whole.error();
   plan.whole = std::move(*whole);
+  // What is said of lights and gloss is of the first artwork that has them, whichever comes first in the scene.
+  const auto lit = std::find_if(each.begin(), each.end(), [](const PlannedScene& p) { return p.plan.lights > 0; });
+  if (lit != each.end()) plan.whole.plan = lit->plan;
   if (scene.shading.isOn()) plan.shading = shadingText(scene.shading, *manifests[0]);
-  std::vector<PlacedExtent> flat_extents;
-  for (size_t i = 0; i < manifests.size(); ++i)
-    flat_extents.push_back({artworkExtent(*manifests[i], 0), artworks.named[i].pose});
-  const glm::dvec3 middle = worldExtent(flat_extents).centre();
   if (plan.whole.plan.lights > 0)
     for (const SceneLight& light : shadedLights(scene.lights))
       plan.lights.push_back(lightText(light, middle) + (plan.whole.plan.shadows ? ", shadows" : ""));
-  for (ScenePart& part : partsOf(scene, manifests)) {
+  for (ScenePart& part : partsOf(stagedScene(scene, scene.pose, of_all), manifests)) {
     auto without = plannedTogether(part.without, artworks);
     if (!without) return without.error();
     plan.parts.push_back({std::move(part), std::move(*without), {}});

@@ -324,7 +324,8 @@ Result<void> render(RenderOptions& o) {
       stats["frame_ms_max"] = *std::max_element(ms.moving.begin(), ms.moving.end());
     }
     stats["renderer"] = (*context)->info().renderer;
-    std::string text = stats.dump(2) + "\n";
+    // Names of artworks need not be UTF-8.
+    std::string text = stats.dump(2, ' ', false, nlohmann::ordered_json::error_handler_t::replace) + "\n";
     return writeFile(o.stats_file, {reinterpret_cast<const uint8_t*>(text.data()), text.size()});
   }
   return {};

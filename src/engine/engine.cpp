@@ -559,9 +559,9 @@ CacheNeed Engine::Impl::cacheNeed() const {
   }
   Scene unshaded = scene;
   unshaded.shading = {};
-  return {std::max({planes->leastBytes(plan), planes->leastBytes(fixed),
-                    planes->leastBytes(planEffects(unshaded, manifest))}),
-          planes->mostBytes(plan)};
+  const EffectPlan plain = planEffects(unshaded, manifest);
+  return {std::max({planes->leastBytes(plan), planes->leastBytes(fixed), planes->leastBytes(plain)}),
+          std::max({planes->mostBytes(plan), planes->mostBytes(fixed), planes->mostBytes(plain)})};
 }
 
 Result<void> Engine::Impl::fitCache() {

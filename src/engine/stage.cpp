@@ -54,29 +54,13 @@ glm::vec4 windowGrey() {
   return grey;
 }
 
-// The middle of all artworks without heights, from which near lights have their distance.
-glm::dvec3 middleOf(std::span<const StagedArtwork> artworks) {
-  std::vector<PlacedExtent> placed;
-  for (const StagedArtwork& one : artworks) placed.push_back({artworkExtent(one.artwork.manifest, 0), one.pose});
-  return worldExtent(placed).centre();
-}
-
-Scene sceneOf(const Scene& scene, const Pose& pose, const std::optional<glm::dvec3>& middle_mm) {
-  Scene own = scene;
-  own.pose = pose;
-  for (SceneLight& light : own.lights)
-    if (middle_mm && light.near && light.reference_mm == 0)
-      light.reference_mm = placedLight(light, glm::dmat3(1), *middle_mm).reference_mm;
-  return own;
-}
-
 // Each one's part of the page cache.
 Result<std::vector<EngineOptions>> sharedOptions(std::span<const StagedArtwork> artworks, const Scene& scene,
                                                  const EngineOptions& options, std::vector<std::string>& notices) {
   std::vector<CacheNeed> needs;
   uint64_t least = 0;
   for (const StagedArtwork& one : artworks) {
-    auto need = Engine::cacheNeed(one.artwork, sceneOf(scene, one.pose, {}), options);
+    auto need = Engine::cacheNeed(one.artwork, stagedScene(scene, one.pose, {}), options);
     if (!need) return named(need.error(), one.name);
     needs.push_back(*need);
     least += need->least_bytes;
@@ -104,6 +88,7 @@ Result<std::vector<EngineOptions>> sharedOptions(std::span<const StagedArtwork> 
     all[i].cache_mib = static_cast<double>(shares[i]) / kMib;
     all[i].most_cache_mib = 0;
     all[i].workers = std::max(1, options.workers / static_cast<int>(all.size()));
+    all[i].uploads_per_frame = std::max(1u, options.uploads_per_frame / static_cast<uint32_t>(all.size()));
     all[i].keep_depth = true;
   }
   return all;
@@ -132,6 +117,25 @@ std::vector<uint64_t> shareCache(std::span<const CacheNeed> needs, uint64_t budg
   return shares;
 }
 
+glm::dvec3 middleOf(std::span<const PlacedExtent> flat_extents) { return worldExtent(flat_extents).centre(); }
+
+Scene stagedScene(const Scene& scene, const Pose& pose, const std::optional<glm::dvec3>& middle_mm) {
+  Scene own = scene;
+  own.pose = pose;
+  for (SceneLight& light : own.lights)
+    if (middle_mm && light.near && light.reference_mm == 0)
+      light.reference_mm = placedLight(light, glm::dmat3(1), *middle_mm).reference_mm;
+  return own;
+}
+
+std::string stagedProblem(const Scene& scene, const glm::dvec3& middle_mm) {
+  for (const SceneLight& light : scene.lights)
+    if (light.near && light.reference_mm == 0 && placedLight(light, glm::dmat3(1), middle_mm).reference_mm == 0)
+      return "a light in the middle of the artworks needs a distance at which its intensity is as stated "
+             "(reference_mm)";
+  return "";
+}
+
 bool isInView(const OrbitCamera& camera, const PlacedExtent& placed, int width_px, int height_px) {
   const ViewTransform view = viewTransform(camera, placed, width_px, height_px);
   const glm::dvec3 &low = placed.extent.min_mm, &high = placed.extent.max_mm;
@@ -153,15 +157,28 @@ struct Stage::Impl {
   Scene scene;
   std::optional<glm::dvec3> middle_mm;  // of several artworks
   std::vector<Actor> actors;
-  std::vector<size_t> order;  // of several: by name and pose, so that their order in the file decides on nothing
+  std::vector<size_t> order;  // of several: by pose and name, so that their order in the file decides on nothing
   OrbitCamera camera;
   std::vector<std::string> notices;
   gl::ContextInfo context;
   std::optional<Composition> composition;
+  bool composition_failed = false;  // its shaders do not link here
   std::unique_ptr<ScreenPass> screen;
 
   bool single() const { return actors.size() == 1; }
-  void look() {
+  // Before any artwork takes the scene, so that all show the same one.
+  Result<void> check(const Scene& wanted) const {
+    if (!middle_mm) return {};
+    if (const std::string problem = stagedProblem(wanted, *middle_mm); !problem.empty())
+      return Error{ErrorKind::kUsage, "", problem, "", {}};
+    for (const Actor& actor : actors)
+      if (const std::string problem =
+              sceneProblem(stagedScene(wanted, actor.pose, middle_mm), actor.engine->manifest());
+          !problem.empty())
+        return named({ErrorKind::kUsage, "", problem, "", {}}, actor.name);
+    return {};
+  }
+  void updateInView() {
     for (Actor& actor : actors) {
       if (single()) continue;
       const Engine& e = *actor.engine;
@@ -178,7 +195,10 @@ struct Stage::Impl {
       if (actor.left_at) {
         const glm::dmat4 drawn = actor.engine->view().clip_from_world;
         const bool old = drawn == (*actor.left_at)[0] || drawn == (*actor.left_at)[1];
-        if (old && drawn != actor.viewOf(camera).clip_from_world) continue;
+        const Engine& e = *actor.engine;
+        const Engine::Layer layer = actor.engine->layer();
+        const bool resized = layer.picture.width() != e.width() || layer.picture.height() != e.height();
+        if (resized || (old && drawn != actor.viewOf(camera).clip_from_world)) continue;
         actor.left_at.reset();
       }
       all.push_back(i);
@@ -188,11 +208,13 @@ struct Stage::Impl {
   // False: what it is made with could not be linked.
   bool compose(std::span<const size_t> layers, const glm::vec4& behind) {
     const Engine& first = *actors[0].engine;
+    if (composition_failed) return false;
     if (!composition) {
       const DepthMode depth = actors[0].engine->layer().depth_mode;
       auto made = Composition::create(context.api, depth);
       if (!made) {
         notices.push_back(made.error().text());
+        composition_failed = true;
         return false;
       }
       composition.emplace(std::move(*made));
@@ -206,7 +228,7 @@ struct Stage::Impl {
     composition->draw(*screen, behind);
     return true;
   }
-  std::vector<std::string> named(std::vector<std::string> texts, const Actor& actor) const {
+  std::vector<std::string> prefixed(std::vector<std::string> texts, const Actor& actor) const {
     if (!single())
       for (std::string& text : texts) text = actor.name + ": " + text;
     return texts;
@@ -225,21 +247,24 @@ Result<std::unique_ptr<Stage>> Stage::create(std::vector<StagedArtwork> artworks
   std::vector<EngineOptions> each{options};
   const bool several = artworks.size() > 1;
   if (several) {
-    impl->middle_mm = middleOf(artworks);
+    std::vector<PlacedExtent> flat;
+    for (const StagedArtwork& one : artworks) flat.push_back({artworkExtent(one.artwork.manifest, 0), one.pose});
+    impl->middle_mm = middleOf(flat);
+    if (auto sound = impl->check(scene); !sound) return sound.error();
     auto shared = sharedOptions(artworks, scene, options, impl->notices);
     if (!shared) return shared.error();
     each = std::move(*shared);
   }
   for (size_t i = 0; i < artworks.size(); ++i) {
     StagedArtwork& one = artworks[i];
-    auto engine = Engine::create(std::move(one.artwork), sceneOf(scene, one.pose, impl->middle_mm), each[i]);
-    if (!engine) return several ? relievo::named(engine.error(), one.name) : engine.error();
+    auto engine = Engine::create(std::move(one.artwork), stagedScene(scene, one.pose, impl->middle_mm), each[i]);
+    if (!engine) return several ? named(engine.error(), one.name) : engine.error();
     impl->actors.push_back({std::move(one.name), one.pose, std::move(*engine)});
     impl->order.push_back(i);
   }
   const auto key = [&](size_t i) {
     const Actor& a = impl->actors[i];
-    return std::tie(a.name, a.pose.position_mm, a.pose.rotate_deg);
+    return std::tie(a.pose.position_mm, a.pose.rotate_deg, a.name);
   };
   std::stable_sort(impl->order.begin(), impl->order.end(), [&](size_t a, size_t b) { return key(a) < key(b); });
   impl->camera = impl->actors[0].engine->camera();
@@ -261,23 +286,24 @@ std::vector<PlacedExtent> Stage::placed() const {
 
 void Stage::resize(int width_px, int height_px) {
   for (Actor& actor : impl_->actors) actor.engine->resize(width_px, height_px);
-  impl_->look();
+  impl_->updateInView();
 }
 int Stage::width() const { return impl_->actors[0].engine->width(); }
 int Stage::height() const { return impl_->actors[0].engine->height(); }
 void Stage::setCamera(const OrbitCamera& camera) {
   impl_->camera = camera;
   for (Actor& actor : impl_->actors) actor.engine->setCamera(camera);
-  impl_->look();
+  impl_->updateInView();
 }
 const OrbitCamera& Stage::camera() const { return impl_->camera; }
 
 Result<void> Stage::setScene(const Scene& scene) {
+  if (auto sound = impl_->check(scene); !sound) return sound;
   for (Actor& actor : impl_->actors)
-    if (auto set = actor.engine->setScene(sceneOf(scene, actor.pose, impl_->middle_mm)); !set)
-      return impl_->single() ? set.error() : relievo::named(set.error(), actor.name);
+    if (auto set = actor.engine->setScene(stagedScene(scene, actor.pose, impl_->middle_mm)); !set)
+      return impl_->single() ? set.error() : named(set.error(), actor.name);
   impl_->scene = scene;
-  impl_->look();
+  impl_->updateInView();
   return {};
 }
 const Scene& Stage::scene() const { return impl_->scene; }
@@ -301,7 +327,7 @@ Result<void> Stage::settle(double timeout_s, bool refined) {
   for (Actor& actor : impl_->actors) {
     if (!actor.in_view) continue;
     if (auto settled = actor.engine->settle(timeout_s, refined); !settled)
-      return impl_->single() ? settled.error() : relievo::named(settled.error(), actor.name);
+      return impl_->single() ? settled.error() : named(settled.error(), actor.name);
     actor.left_at.reset();
   }
   return {};
@@ -340,14 +366,14 @@ std::optional<glm::dvec3> Stage::surfacePoint(double x_px, double y_px) {
 std::vector<std::string> Stage::takeMessages() {
   std::vector<std::string> all = std::exchange(impl_->notices, {});
   for (Actor& actor : impl_->actors)
-    for (std::string& text : impl_->named(actor.engine->takeMessages(), actor)) all.push_back(std::move(text));
+    for (std::string& text : impl_->prefixed(actor.engine->takeMessages(), actor)) all.push_back(std::move(text));
   return all;
 }
 
 std::vector<std::string> Stage::takeNotices() {
   std::vector<std::string> all = std::exchange(impl_->notices, {});
   for (Actor& actor : impl_->actors)
-    for (std::string& text : impl_->named(actor.engine->takeNotices(), actor)) all.push_back(std::move(text));
+    for (std::string& text : impl_->prefixed(actor.engine->takeNotices(), actor)) all.push_back(std::move(text));
   return all;
 }
 
@@ -402,7 +428,7 @@ std::string Stage::statsJson() const {
   sum["planes"] = std::move(planes);
   sum["composition_mib"] = static_cast<double>(compositionBytes()) / kMib;
   sum["artworks"] = std::move(each);
-  return sum.dump(2);
+  return sum.dump(2, ' ', false, Json::error_handler_t::replace);
 }
 
 }  // namespace relievo

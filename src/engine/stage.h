@@ -33,6 +33,12 @@ struct StagedArtwork {
 // Divides a budget, which is no smaller than what all need at least: each gets that and the same part of the rest, but
 // no more than it has use for while another one has; the sum is at most the budget.
 std::vector<uint64_t> shareCache(std::span<const CacheNeed> needs, uint64_t budget_bytes);
+// The middle of all artworks without heights, from which near lights have their distance.
+glm::dvec3 middleOf(std::span<const PlacedExtent> flat_extents);
+// A scene as one of several artworks is drawn in it: in its pose, with near lights' distances from the middle of all
+// (which may be left out). The error: kUsage, what sceneProblem() or a light in that middle says.
+Scene stagedScene(const Scene& scene, const Pose& pose, const std::optional<glm::dvec3>& middle_mm);
+std::string stagedProblem(const Scene& scene, const glm::dvec3& middle_mm);
 // Can the camera see any of the box that the artwork lies in?
 bool isInView(const OrbitCamera& camera, const PlacedExtent& placed, int width_px, int height_px);
 

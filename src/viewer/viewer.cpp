@@ -376,10 +376,6 @@ Result<void> ViewLoop::run() {
   return {};
 }
 
-}  // namespace
-
-namespace {
-
 // What keeps the eye outside: at once for flat artworks; over a base mesh on a thread of its own, some tenths of a
 // second, during which the window draws and moves already.
 struct GuardMaker {
@@ -404,11 +400,12 @@ struct GuardMaker {
 std::vector<ReliefShading::Kind> possibleShadings(const Stage& stage, const Scene& scene) {
   std::vector<ReliefShading::Kind> kinds;
   for (const auto kind : {ReliefShading::Kind::kSlope, ReliefShading::Kind::kCurvature, ReliefShading::Kind::kDepth}) {
-    Scene shaded = scene;
-    if (shaded.shading.kind != kind) shaded.shading = {.kind = kind};
     bool possible = true;
-    for (size_t i = 0; i < stage.size(); ++i)
+    for (size_t i = 0; i < stage.size(); ++i) {
+      Scene shaded = stage.engine(i).scene();
+      shaded.shading = scene.shading.kind == kind ? scene.shading : ReliefShading{.kind = kind};
       possible = possible && sceneProblem(shaded, stage.engine(i).manifest()).empty();
+    }
     if (possible) kinds.push_back(kind);
   }
   return kinds;

@@ -235,6 +235,36 @@ TEST(Stages, DoNotDependOnTheOrderWhereDepthsAreEqual) {
   EXPECT_EQ(pictures[0], pictures[1]);
 }
 
+// Of one file twice, which is told apart by its place in the list.
+TEST(Stages, DoNotDependOnTheOrderOfTheSameFile) {
+  std::vector<std::vector<uint8_t>> pictures;
+  const Pose turned{{0, 0, 0}, {0, 0, 180}};  // the same square, its depths the same but for rounding
+  for (const std::array<Pose, 2>& poses : {std::array<Pose, 2>{Pose{}, turned}, std::array<Pose, 2>{turned, Pose{}}}) {
+    auto stage = stageOf({{square(0), poses[0], "a (1)"}, {square(0), poses[1], "a (2)"}}, {}, cameraOfCrossing(false));
+    ASSERT_TRUE(stage);
+    pictures.push_back(settledPicture(*stage));
+  }
+  EXPECT_EQ(pictures[0], pictures[1]);
+}
+
+// A light in the middle of all has no distance to take its intensity from, and no artwork takes the scene.
+TEST(Stages, RefuseALightInTheMiddleOfAll) {
+  std::vector<StagedArtwork> all{{square(0), Pose{{-50, 0, 0}, {}}, "a"}, {square(1), Pose{{50, 0, 0}, {}}, "b"}};
+  Scene middle{.light = {-0.5, 0.4, 0.7}};
+  middle.lights = {{.near = true, .place = {0, 0, 0}}};
+  auto refused = Stage::create(all, middle, {});
+  ASSERT_FALSE(refused.ok());
+  EXPECT_NE(refused.error().text().find("reference_mm"), std::string::npos) << refused.error().text();
+  Scene aside = middle;
+  aside.lights[0].place = {0, 0, 80};
+  auto stage = Stage::create(all, aside, {});
+  ASSERT_TRUE(stage.ok()) << "control";
+  EXPECT_FALSE((*stage)->setScene(middle).ok());
+  for (size_t i = 0; i < 2; ++i) EXPECT_EQ((*stage)->engine(i).scene().lights[0].place, aside.lights[0].place);
+  middle.lights[0].reference_mm = 10;
+  EXPECT_TRUE((*stage)->setScene(middle).ok());
+}
+
 // One artwork: its engine's bytes, and nothing of a composition.
 TEST(Stages, OfOneArtworkAreItsEngine) {
   for (const int samples : {1, 4}) {

@@ -155,6 +155,47 @@ TEST(CoarsePage, RefusesWhatFewerTexelsDoNotShow) {
   }
 }
 
+// A line that differs hardly is left out within the page, but not where the page meets its neighbours.
+TEST(CoarsePage, KeepsTheEdgeOfThePageBetter) {
+  constexpr int kFactor = 4;
+  Page coarse(size_t{3} * coarseSide(kFactor) * coarseSide(kFactor));
+  auto reduces = [&](int line) {
+    return reducePage(pageOf([=](int c, int x, int y) { return c == 1 && (x == line || y == line) ? 107 : 100; }),
+                      kFactor, kTolerances, coarse);
+  };
+  EXPECT_TRUE(reduces(61)) << "control";
+  for (int line : {kPageBorderPx - 1, kPageBorderPx, kPagePx + kPageBorderPx - 1, kPagePx + kPageBorderPx})
+    EXPECT_FALSE(reduces(line)) << line;
+}
+
+// Pages of one picture: where they overlap beside their common edge they show the same within the tolerance.
+TEST(CoarsePage, NeighboursMeetWithinTheTolerance) {
+  PageEncoder encoder(1);
+  PageDecoder decoder;
+  double furthest = 0;
+  for (double per_page : {1.0, 1.7, 3.0}) {
+    std::array<Page, 2> shown{Page(kTexturePageBytes), Page(kTexturePageBytes)};
+    for (int k = 0; k < 2; ++k) {
+      const Page page = pageOf([=](int c, int x, int y) {
+        const double at = x + k * kPagePx;
+        return 128 + 25 * std::sin(6.28 * per_page * at / kSide + c) * std::cos(6.28 * per_page * y / kSide);
+      });
+      ASSERT_TRUE(
+          decoder.decodeTexture(encoder.encodeTextureWithin(page, kTolerances), shown[static_cast<size_t>(k)]).ok());
+    }
+    for (size_t c = 0; c < 3; ++c)
+      for (int y = kPageBorderPx; y < kPagePx + kPageBorderPx; ++y)
+        for (int x : {kPageBorderPx - 1, kPageBorderPx}) {
+          const size_t row = c * kChannel + static_cast<size_t>(y * kSide);
+          const double off = std::abs(static_cast<double>(shown[0][row + static_cast<size_t>(x + kPagePx)]) -
+                                      shown[1][row + static_cast<size_t>(x)]);
+          EXPECT_LE(off, kTolerances[c].most);
+          furthest = std::max(furthest, off);
+        }
+  }
+  EXPECT_GT(furthest, 0) << "control: they are not the same";
+}
+
 TEST(CoarsePage, PagesTakeFewerBytesOrAreLossless) {
   PageEncoder encoder(1);
   PageDecoder decoder;

@@ -220,6 +220,7 @@ TEST(TailCode, DamagedBytesAreRefusedOrDecodeToSomething) {
     refused += !decodeTailCode(bad, 6, back.heights, back.texels);
   }
   EXPECT_GT(refused, tried / 2) << "most leave too few bytes or too many";
+  size_t refused_junk = 0;
   std::vector<uint8_t> junk(3000);
   for (int i = 0; i < 50; ++i) {
     for (uint8_t& b : junk) b = static_cast<uint8_t>(random());
@@ -231,8 +232,9 @@ TEST(TailCode, DamagedBytesAreRefusedOrDecodeToSomething) {
       junk[at + 4] = static_cast<uint8_t>(i % 5);
       at += 4 + length;
     }
-    decodeTailCode(junk, 6, back.heights, back.texels);
+    refused_junk += !decodeTailCode(junk, 6, back.heights, back.texels);
   }
+  EXPECT_GE(refused_junk, 49u) << "hardly any junk ends where its last bit does";
 }
 
 // ---- a reader by what PACKAGE.md says, in its words and with nothing of ours but what relief pages have ----

@@ -15,6 +15,7 @@
 #include "patch_fixture.h"
 #include "tests/view_share.h"
 #include "texturing/codec/page_codec.h"
+#include "texturing/codec/tail_code.h"
 #include "texturing/package/crease_gutter.h"
 #include "texturing/package/package.h"
 #include "texturing/package/package_base.h"
@@ -366,6 +367,17 @@ TEST(TextureDepths, VersionsFourAndFiveHoldTheSameTails) {
     EXPECT_TRUE(now->tailProblems().empty() && older->tailProblems().empty());
     EXPECT_TRUE(now->tails(1, nullptr) == older->tails(1, nullptr));
     EXPECT_LT(now->fileBytes(), older->fileBytes());
+    for (const auto& package : {now, older}) {
+      const auto tails = package->tailBytes();
+      ASSERT_TRUE(tails.ok());
+      const PackageHeader& h = package->header();
+      EXPECT_EQ(tails->all, h.tails_offset - (h.pages_offset + h.pages_bytes) + h.tails_bytes);
+      EXPECT_EQ(tails->heights.has_value(), package == now);
+      if (tails->heights) {
+        EXPECT_GT(*tails->heights, kTailCodeHeadBytes);
+        EXPECT_LT(*tails->heights, tails->all - h.tails_bytes);
+      }
+    }
     const auto whole = built(folder.file("whole.relievo"), source, -1);
     forEachNode(older->manifest().domain, 1, [&](const NodeId& node) {
       for (int plane = 0; plane < 2 && older->manifest().domain.hasTexturePage(node); ++plane) {

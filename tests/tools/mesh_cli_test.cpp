@@ -157,6 +157,16 @@ TEST_F(MeshCli, BuildsAPackageThatTellsOfItsScanAndOfTheDistanceToIt) {
   EXPECT_EQ(info["base"]["patches"], info["patches"]);
   EXPECT_FALSE(info.contains("width_px") || info.contains("height_px")) << "a body has no size in px";
   EXPECT_NEAR(info["base"]["max_mm"][0].get<double>(), 40, 6);
+  // What the file has beside what is told of each section once: second copies, and padding up to 4096 bytes.
+  const auto& sections = info["sections"];
+  uint64_t once = 0;
+  for (const auto& [name, bytes] : sections.items())
+    if (name != "tails_heights_bytes") once += bytes.get<uint64_t>();
+  const uint64_t copies = sections["base_mesh_bytes"].get<uint64_t>() + 4096, file = info["file_bytes"].get<uint64_t>();
+  EXPECT_LE(once + copies, file);
+  EXPECT_GT(once + copies + 4 * 4096, file);
+  EXPECT_LT(sections["tails_heights_bytes"], sections["tails_bytes"]);
+  EXPECT_NE(r.output.find(" KiB (twice), tails "), std::string::npos) << r.output;
 }
 
 TEST_F(MeshCli, WhatWasAskedForAndCannotBeIsSaid) {

@@ -10,6 +10,7 @@
 
 namespace relievo {
 namespace coarse_page {
+namespace {
 
 constexpr int kFull = kPageFullPx;
 
@@ -53,11 +54,17 @@ void enlargeChannel(const uint8_t* coarse, int factor, uint8_t* out) {
   else enlarge<4>(coarse, out);
 }
 
+constexpr bool isAtEdge(int i) {
+  constexpr int kFirst = kPageBorderPx, kLast = kFull - kPageBorderPx;
+  return i == kFirst - 1 || i == kFirst || i == kLast - 1 || i == kLast;
+}
+
 // In eighths of a step. Each round adds to a coarse texel what its square lacks in the mean.
 bool reduceChannel(const uint8_t* channel, int factor, const ChannelTolerance& tolerance, uint8_t* coarse) {
   constexpr int kRounds = 4;
   constexpr double kHopeless = 4;  // times the tolerance, after the first round
   const int side = coarseSide(factor), texels = factor * factor;
+  const double at_edges = kEdgeShare * tolerance.most;
   std::vector<int> value(static_cast<size_t>(side * side));
   std::array<uint8_t, kFull * kFull> shown{};
   for (int round = 0; round < kRounds; ++round) {
@@ -73,20 +80,24 @@ bool reduceChannel(const uint8_t* channel, int factor, const ChannelTolerance& t
         coarse[y * side + x] = static_cast<uint8_t>(std::clamp((v + 4) >> 3, 0, 255));
       }
     enlargeChannel(coarse, factor, shown.data());
-    int most = 0;
+    int most = 0, most_at_edges = 0;
     int64_t squares = 0;
-    for (size_t i = 0; i < shown.size(); ++i) {
-      const int off = channel[i] - shown[i];
-      most = std::max(most, std::abs(off));
-      squares += off * off;
-    }
+    for (int y = 0; y < kFull; ++y)
+      for (int x = 0; x < kFull; ++x) {
+        const auto i = static_cast<size_t>(y * kFull + x);
+        const int off = channel[i] - shown[i], size = std::abs(off);
+        most = std::max(most, size);
+        if (isAtEdge(x) || isAtEdge(y)) most_at_edges = std::max(most_at_edges, size);
+        squares += off * off;
+      }
     const double rms = std::sqrt(static_cast<double>(squares) / static_cast<double>(shown.size()));
-    if (most <= tolerance.most && rms <= tolerance.rms) return true;
+    if (most <= tolerance.most && rms <= tolerance.rms && most_at_edges <= at_edges) return true;
     if (most > kHopeless * tolerance.most || rms > kHopeless * tolerance.rms) return false;
   }
   return false;
 }
 
+}  // namespace
 }  // namespace coarse_page
 
 void enlargePage(std::span<const uint8_t> coarse, int factor, std::span<uint8_t> channels) {

@@ -17,13 +17,17 @@ struct ChannelTolerance {
   double most = 0, rms = 0;
 };
 
+// At the last texels within a page's edge and the first ones beyond, between which the edge is filtered, so that two
+// neighbours that are both stored so differ there by the tolerance at most.
+inline constexpr double kEdgeShare = 0.5;
 inline constexpr std::array<int, 2> kCoarseFactors{4, 2};  // the fewest texels first
 constexpr int coarseSide(int factor) { return kPageFullPx / factor; }
 static_assert(kPageFullPx % 4 == 0);
 
 // coarse: three channels of coarseSide(factor)^2, channels: of kPageFullPx^2; rows top first.
 void enlargePage(std::span<const uint8_t> coarse, int factor, std::span<uint8_t> channels);
-// The texels from which enlargePage() gives `channels` within the tolerances. False: none were found.
+// The texels from which enlargePage() gives `channels` within the tolerances, and at the page's edge within kEdgeShare
+// of them. False: none were found.
 bool reducePage(std::span<const uint8_t> channels, int factor, std::span<const ChannelTolerance> tolerances /* 3 */,
                 std::span<uint8_t> coarse);
 

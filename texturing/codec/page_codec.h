@@ -7,7 +7,8 @@
 // sample (i, j) at texel (i, j): R = high byte, G = low byte, B = A = 0; texels beyond 128 are 0. Safe for untrusted
 // bytes: any input decodes or fails with an Error, and never reads or writes out of bounds. The same bytes decode to
 // the same texels on every machine. Where neighbouring pages overlap they decode to the same texels, lossy or not:
-// blocks of 4 or 8 texels begin at the same places in both.
+// blocks of 4 or 8 texels begin at the same places in both. Pages in fewer texels (coarse_page.h) do so within their
+// tolerance.
 #pragma once
 
 #include <cstdint>

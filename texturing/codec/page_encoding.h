@@ -14,7 +14,7 @@ namespace relievo {
 
 // The numbers stand in packages.
 enum class PageCodec : uint8_t {
-  kLossless = 0,   // a predictor per channel, then zstd
+  kLossless = 0,   // a predictor per channel, then zstd; pages may have fewer texels (coarse_page.h)
   kQuantised = 1,  // the same after rounding each value to the nearest of 2^parameter levels over 0..255
   kJpeg = 2,       // baseline JPEG of quality `parameter`, the three channels as they are
   kJpegYcc = 3,    // the same with the channels as R G B turned into Y Cb Cr, none of them subsampled

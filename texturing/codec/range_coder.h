@@ -99,6 +99,8 @@ class RangeDecoder {
     }
     return value;
   }
+  // Are there far fewer bytes than were asked for? What comes then is zeros without end.
+  bool exhausted() const { return beyond_ > 4; }
   // Were there neither too few bytes nor too many?
   bool whole() const { return next_ == end_ && beyond_ == 0; }
 

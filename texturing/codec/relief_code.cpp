@@ -7,7 +7,9 @@
 namespace relievo {
 namespace {
 
-using namespace relief_levels;
+using relief_levels::DecodingCoder;
+using relief_levels::EncodingCoder;
+using relief_levels::Head;
 
 template <class Coder>
 class PageCode {
@@ -30,15 +32,15 @@ class PageCode {
     if (head.step == 0) head.step = 1;  // of damaged bytes
   }
   Coder& coder_;
-  Models models_ = kFirstModels;
-  GridCode<kPageCellsLog2, Coder> grid_;
+  relief_levels::Models models_ = relief_levels::kFirstModels;
+  relief_levels::GridCode<kPageCellsLog2, Coder> grid_;
 };
 
 }  // namespace
 
 void encodeReliefCode(std::span<const uint16_t> samples, ReliefCodeScratch& scratch, std::vector<uint8_t>& out) {
   assert(samples.size() == size_t{kReliefSamples} * kReliefSamples);
-  Head head = headOf<kPageCellsLog2>(samples, scratch);
+  Head head = relief_levels::headOf<kPageCellsLog2>(samples, scratch);
   EncodingCoder coder{RangeEncoder(out)};
   PageCode<EncodingCoder>(coder, scratch).run(head, samples);
   coder.rc.finish();

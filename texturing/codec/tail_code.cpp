@@ -10,6 +10,7 @@
 
 namespace relievo {
 namespace tail_code {
+namespace {
 
 using relief_levels::DecodingCoder;
 using relief_levels::EncodingCoder;
@@ -306,6 +307,7 @@ bool takeStream(std::span<const uint8_t>& bytes, std::span<const uint8_t>& strea
   return true;
 }
 
+}  // namespace
 }  // namespace tail_code
 
 void encodeTailCode(std::span<const uint16_t> heights, std::span<const uint8_t> texels, int channels,
@@ -345,6 +347,7 @@ bool decodeTailCode(std::span<const uint8_t> bytes, int channels, std::span<uint
     for (size_t p = 0; p < patches; ++p) {
       relief_levels::Head head;
       code->run(head, heights.subspan(p * kHeights, kHeights));
+      if (coder.rc.exhausted()) return false;
     }
     if (!coder.rc.whole()) return false;
   }
@@ -352,7 +355,7 @@ bool decodeTailCode(std::span<const uint8_t> bytes, int channels, std::span<uint
     if (!takeStream(bytes, stream) || stream.empty() || stream[0] >= kModes) return false;
     DecodingCoder coder{RangeDecoder(stream.subspan(1))};
     const auto code = std::make_unique<PlaneCode<DecodingCoder>>(coder, static_cast<Mode>(stream[0]));
-    for (size_t p = 0; p < patches; ++p) code->patch(levelsOf(texels, p, channels, plane));
+    for (size_t p = 0; p < patches && !coder.rc.exhausted(); ++p) code->patch(levelsOf(texels, p, channels, plane));
     if (!coder.rc.whole()) return false;
   }
   return bytes.empty();

@@ -1,7 +1,7 @@
 // tail_code.h - tails of patches (texturing/package/patch_tails.h) in few bytes, without loss, some hundred patches at
 // a time: heights as relief pages have them (relief_levels.h), texels predicted from their neighbours, coarser levels
 // from the finest, and what they differ by range coded; models learn from patch to patch (texturing/PACKAGE.md, "Coded
-// tails"). Of scans a third of what differences and zstd take. Safe for untrusted bytes.
+// tails"): where patches are smooth less than half of what differences and zstd take. Safe for untrusted bytes.
 #pragma once
 
 #include <cstddef>

@@ -30,8 +30,10 @@ namespace relievo {
 struct Manifest {
   PatchDomain domain;
   TextureFormat texture;
-  PlaneEncodings encodings;  // of the texture's planes; relief is lossless
-  bool size_known = true;    // false: everything in mm counts the artwork's pixels (mm_per_px is 1)
+  // Of the texture's planes; relief is lossless. Lossless planes over a base mesh may have pages in fewer texels
+  // (texturing/codec/coarse_page.h).
+  PlaneEncodings encodings;
+  bool size_known = true;  // false: everything in mm counts the artwork's pixels (mm_per_px is 1)
   std::vector<Provenance> sources;
   std::string tool_version;
   uint64_t page_count = 0;

@@ -34,7 +34,7 @@ constexpr uint64_t baseSectionBytes(uint64_t corners, uint64_t patches, BaseSect
                     (end >= BaseSectionEnd::kTextureDepths ? kBaseTextureDepthBytes : 0));
 }
 
-// A packed section (versions 4 and 5) is one that ends with shapes, or with texture depths, its bytes in another order
+// A packed section (from version 4 on) is one that ends with shapes, or with texture depths, its bytes in another order
 // and behind a u32, the number of corners, in a zstd frame.
 inline constexpr uint64_t kLeastPackedBaseBytes = 16;
 // Of a section that does not get smaller: a block's head for every kPackedTogether bytes, and the frame's.

@@ -32,8 +32,9 @@ struct BuildOptions {
   // Over a base mesh: a package of version 6, which takes far fewer bytes for the relief; else of version 2 or 3, for
   // older readers.
   bool compact = true;
-  // Of compact packages: tails are coded (texturing/codec/tail_code.h); else the package is one of version 4, or 5 with
-  // texture levels that patches do not have.
+  // Of compact packages: tails are coded (texturing/codec/tail_code.h), and with a texture_tolerance lossless pages may
+  // be stored in fewer texels (texturing/codec/coarse_page.h); else the package is one of version 4, or 5 with texture
+  // levels that patches do not have.
   bool coded_tails = true;
   // Over a base mesh: texture levels of a patch are left out where every texel is within so many 8-bit steps of what
   // the coarser level or the tail shows, as channelTolerances() says (texture_depths.h). Negative: none are left out.

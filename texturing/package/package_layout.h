@@ -47,7 +47,7 @@ struct PackageHeader {
   // Version 4, over a base mesh only: hierarchical relief pages, a packed base mesh, no errors by block of the finest
   // relief pages, which have none.
   bool compact = false;
-  // Version 5, a compact package whose base mesh says how many texture levels each patch has
+  // Version 5, or 6: a compact package whose base mesh says how many texture levels each patch has
   // (PatchDomain::textureDepths()). decodeHeader() does not know them yet: its domain has all levels.
   bool texture_depths = false;
   // Version 6, a compact package whose tails are coded (texturing/codec/tail_code.h).

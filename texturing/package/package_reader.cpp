@@ -326,6 +326,9 @@ Result<TailBytes> Package::tailBytes() const {
     out.all += chunk.size;
     std::array<uint8_t, kTailCodeHeadBytes> head;
     if (!out.heights) continue;
+    if (chunk.offset > fileBytes() || chunk.size > fileBytes() - chunk.offset || chunk.size < head.size())
+      return Error{ErrorKind::kInvalidData, path(), "tails lie beyond the end of the file, or take no bytes",
+                   "rebuild the package, or get a whole copy", chunk.offset};
     if (auto read = readBytes(chunk.offset, head); !read) return read.error();
     *out.heights += std::min<uint64_t>(tailCodeHeightBytes(head), chunk.size);
   }

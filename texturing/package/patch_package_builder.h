@@ -1,4 +1,4 @@
-// patch_package_builder.h - from patches over a base mesh to a package file (PACKAGE.md, version 2).
+// patch_package_builder.h - from patches over a base mesh to a package file (PACKAGE.md).
 // As package_builder.h has it: written beside the target and renamed when whole, nothing left behind on failure or
 // interruption, the same bytes with any number of workers. Memory: some copies of a patch a worker, whatever their
 // number; what is kept of all patches until their neighbours are known lies in files without a name beside the target
