@@ -307,12 +307,8 @@ bool takeStream(std::span<const uint8_t>& bytes, std::span<const uint8_t>& strea
   return true;
 }
 
-}  // namespace
-}  // namespace tail_code
-
-void encodeTailCode(std::span<const uint16_t> heights, std::span<const uint8_t> texels, int channels,
-                    std::vector<uint8_t>& out) {
-  using namespace tail_code;
+void encode(std::span<const uint16_t> heights, std::span<const uint8_t> texels, int channels,
+            std::vector<uint8_t>& out) {
   assert(channels % 3 == 0 && heights.size() % kHeights == 0);
   const size_t patches = heights.size() / kHeights;
   assert(texels.size() == patches * kTexels * static_cast<size_t>(channels));
@@ -332,9 +328,7 @@ void encodeTailCode(std::span<const uint16_t> heights, std::span<const uint8_t> 
         out, [&] { encodePlane(texels, patches, channels, plane, bestMode(texels, patches, channels, plane), out); });
 }
 
-bool decodeTailCode(std::span<const uint8_t> bytes, int channels, std::span<uint16_t> heights,
-                    std::span<uint8_t> texels) {
-  using namespace tail_code;
+bool decode(std::span<const uint8_t> bytes, int channels, std::span<uint16_t> heights, std::span<uint8_t> texels) {
   assert(channels % 3 == 0 && heights.size() % kHeights == 0);
   const size_t patches = heights.size() / kHeights;
   assert(texels.size() == patches * kTexels * static_cast<size_t>(channels));
@@ -359,6 +353,19 @@ bool decodeTailCode(std::span<const uint8_t> bytes, int channels, std::span<uint
     if (!coder.rc.whole()) return false;
   }
   return bytes.empty();
+}
+
+}  // namespace
+}  // namespace tail_code
+
+void encodeTailCode(std::span<const uint16_t> heights, std::span<const uint8_t> texels, int channels,
+                    std::vector<uint8_t>& out) {
+  tail_code::encode(heights, texels, channels, out);
+}
+
+bool decodeTailCode(std::span<const uint8_t> bytes, int channels, std::span<uint16_t> heights,
+                    std::span<uint8_t> texels) {
+  return tail_code::decode(bytes, channels, heights, texels);
 }
 
 uint64_t tailCodeHeightBytes(std::span<const uint8_t> bytes) {
