@@ -4,10 +4,10 @@
 #include <algorithm>
 #include <cmath>
 #include <filesystem>
-#include <numbers>
 
 #include "geometry/scan/mesh_file.h"
 #include "geometry/scan/mesh_repair.h"
+#include "src/artwork/axis_rotation.h"
 
 namespace relievo {
 namespace {
@@ -244,20 +244,7 @@ glm::dmat3 turnOf(char up, const glm::dvec3& degrees) {
   glm::dmat3 turn(1);
   if (up == 'x') turn = glm::dmat3(0, 1, 0, -1, 0, 0, 0, 0, 1);
   if (up == 'z') turn = glm::dmat3(1, 0, 0, 0, 0, -1, 0, 1, 0);
-  for (glm::length_t axis = 0; axis < 3; ++axis) {
-    const double angle = std::fmod(degrees[axis], 360), radians = angle * std::numbers::pi / 180;
-    const double quarters = angle / 90;
-    const bool exact = quarters == std::floor(quarters);
-    const double c = exact ? std::round(std::cos(radians)) : std::cos(radians),
-                 s = exact ? std::round(std::sin(radians)) : std::sin(radians);
-    const glm::length_t i = (axis + 1) % 3, k = (axis + 2) % 3;
-    glm::dmat3 one(1);
-    one[i][i] = one[k][k] = c;
-    one[i][k] = s;
-    one[k][i] = -s;
-    turn = one * turn;
-  }
-  return turn;
+  return axisRotation(degrees) * turn;
 }
 
 Result<LoadedMesh> repairMesh(TriMesh mesh, const std::string& name, int workers) {
