@@ -564,24 +564,33 @@ CacheNeed Engine::Impl::cacheNeed() const {
           std::max({planes->mostBytes(plan), planes->mostBytes(fixed), planes->mostBytes(plain)})};
 }
 
-Result<void> Engine::Impl::fitCache() {
-  const uint64_t least = cacheNeed().least_bytes;
-  const double least_mib = std::floor(static_cast<double>(least) / (1024 * 1024)) + 1;
-  if (options.cache_mib * 1024 * 1024 >= static_cast<double>(least)) return {};
+Result<double> cacheMibFor(uint64_t least_bytes, const EngineOptions& options, bool several,
+                           std::vector<std::string>& notices) {
+  constexpr double kMib = 1024 * 1024;
+  if (options.cache_mib * kMib >= static_cast<double>(least_bytes)) return options.cache_mib;
+  const double least_mib = std::floor(static_cast<double>(least_bytes) / kMib) + 1,
+               taken_mib = least_mib + kSpareCacheMib;
+  const char* whose = several ? "these artworks" : "this artwork";
   char text[120];
-  if (least_mib + kSpareCacheMib <= options.most_cache_mib) {
-    options.cache_mib = least_mib + kSpareCacheMib;
-    std::snprintf(text, sizeof text, "the page cache takes %.0f MiB, as this artwork needs %.0f", options.cache_mib,
-                  least_mib);
+  if (taken_mib <= options.most_cache_mib) {
+    std::snprintf(text, sizeof text, "the page cache takes %.0f MiB, as %s need%s %.0f", taken_mib, whose,
+                  several ? "" : "s", least_mib);
     notices.emplace_back(text);
-    return {};
+    return taken_mib;
   }
-  std::snprintf(text, sizeof text, "the page cache of %g MiB is too small for this artwork", options.cache_mib);
+  std::snprintf(text, sizeof text, "the page cache of %g MiB is too small for %s", options.cache_mib, whose);
   return Error{ErrorKind::kUsage,
                "",
                text,
                "give it at least " + std::to_string(std::lround(least_mib)) + " MiB (--cache-mib)",
                {}};
+}
+
+Result<void> Engine::Impl::fitCache() {
+  auto fitted = cacheMibFor(cacheNeed().least_bytes, options, false, notices);
+  if (!fitted) return fitted.error();
+  options.cache_mib = *fitted;
+  return {};
 }
 
 Result<void> Engine::Impl::prepare(Artwork of, const Scene& with, const EngineOptions& given) {

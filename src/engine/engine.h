@@ -76,6 +76,10 @@ struct FaultInjection;
 struct CacheNeed {
   uint64_t least_bytes = 0, most_bytes = 0;
 };
+// options.cache_mib, or where more is needed that and kSpareCacheMib, which the notice tells of. kUsage: that is beyond
+// options.most_cache_mib. several: what needs it are artworks.
+Result<double> cacheMibFor(uint64_t least_bytes, const EngineOptions& options, bool several,
+                           std::vector<std::string>& notices);
 
 class Engine {
  public:

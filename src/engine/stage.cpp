@@ -9,7 +9,6 @@
 
 #include <nlohmann/json.hpp>
 
-#include "src/base/srgb.h"
 #include "src/render/composition.h"
 
 namespace relievo {
@@ -47,13 +46,6 @@ void addCounts(Json& to, const Json& from) {
   }
 }
 
-glm::vec4 windowGrey() {
-  glm::vec4 grey(1);
-  for (int c = 0; c < 3; ++c)
-    grey[c] = static_cast<float>(linearFromSrgb(kPictureGrey[static_cast<size_t>(c)] / 255.0));
-  return grey;
-}
-
 // Each one's part of the page cache.
 Result<std::vector<EngineOptions>> sharedOptions(std::span<const StagedArtwork> artworks, const Scene& scene,
                                                  const EngineOptions& options, std::vector<std::string>& notices) {
@@ -65,24 +57,9 @@ Result<std::vector<EngineOptions>> sharedOptions(std::span<const StagedArtwork> 
     needs.push_back(*need);
     least += need->least_bytes;
   }
-  double budget_mib = options.cache_mib;
-  char text[120];
-  if (const double least_mib = std::floor(static_cast<double>(least) / kMib) + 1;
-      budget_mib * kMib < static_cast<double>(least)) {
-    if (least_mib + kSpareCacheMib > options.most_cache_mib) {
-      std::snprintf(text, sizeof text, "the page cache of %g MiB is too small for these artworks", budget_mib);
-      return Error{ErrorKind::kUsage,
-                   "",
-                   text,
-                   "give it at least " + std::to_string(std::lround(least_mib)) + " MiB (--cache-mib)",
-                   {}};
-    }
-    budget_mib = least_mib + kSpareCacheMib;
-    std::snprintf(text, sizeof text, "the page cache takes %.0f MiB, as these artworks need %.0f", budget_mib,
-                  least_mib);
-    notices.emplace_back(text);
-  }
-  const auto shares = shareCache(needs, static_cast<uint64_t>(budget_mib * kMib));
+  auto budget_mib = cacheMibFor(least, options, true, notices);
+  if (!budget_mib) return budget_mib.error();
+  const auto shares = shareCache(needs, static_cast<uint64_t>(*budget_mib * kMib));
   std::vector<EngineOptions> all(artworks.size(), options);
   for (size_t i = 0; i < all.size(); ++i) {
     all[i].cache_mib = static_cast<double>(shares[i]) / kMib;
@@ -348,7 +325,7 @@ void Stage::present(int window_width_px, int window_height_px) {
   if (s.single()) return s.actors[0].engine->present(window_width_px, window_height_px);
   const std::vector<size_t> shown = s.shown();
   if (shown.size() == 1) return s.actors[shown[0]].engine->present(window_width_px, window_height_px);
-  if (s.compose(shown, windowGrey())) s.composition->picture().present(window_width_px, window_height_px);
+  if (s.compose(shown, pictureGreyLight())) s.composition->picture().present(window_width_px, window_height_px);
 }
 
 std::optional<glm::dvec3> Stage::surfacePoint(double x_px, double y_px) {

@@ -35,9 +35,10 @@ struct StagedArtwork {
 std::vector<uint64_t> shareCache(std::span<const CacheNeed> needs, uint64_t budget_bytes);
 // The middle of all artworks without heights, from which near lights have their distance.
 glm::dvec3 middleOf(std::span<const PlacedExtent> flat_extents);
-// A scene as one of several artworks is drawn in it: in its pose, with near lights' distances from the middle of all
-// (which may be left out). The error: kUsage, what sceneProblem() or a light in that middle says.
+// A scene as one of several artworks is drawn in it: in its pose, with near lights' distances from the middle of all,
+// where that is given.
 Scene stagedScene(const Scene& scene, const Pose& pose, const std::optional<glm::dvec3>& middle_mm);
+// What is wrong with a scene of several artworks beside what sceneProblem() says of each; empty: nothing.
 std::string stagedProblem(const Scene& scene, const glm::dvec3& middle_mm);
 // Can the camera see any of the box that the artwork lies in?
 bool isInView(const OrbitCamera& camera, const PlacedExtent& placed, int width_px, int height_px);

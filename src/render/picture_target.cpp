@@ -2,9 +2,18 @@
 
 #include <algorithm>
 
+#include "src/base/srgb.h"
+
 #include "texturing/stream/page_table.h"
 
 namespace relievo {
+
+glm::vec4 pictureGreyLight() {
+  glm::vec4 grey(1);
+  for (int c = 0; c < 3; ++c)
+    grey[c] = static_cast<float>(linearFromSrgb(kPictureGrey[static_cast<size_t>(c)] / 255.0));
+  return grey;
+}
 
 void PictureTarget::resize(int width_px, int height_px, GLuint depth) {
   if (width_px == width_ && height_px == height_ && depth == depth_) return;

@@ -20,6 +20,7 @@ namespace relievo {
 
 // What a window shows beside the artwork, sRGB.
 inline constexpr std::array<uint8_t, 3> kPictureGrey{24, 24, 26};
+glm::vec4 pictureGreyLight();  // in linear light, with alpha 1
 
 class PictureTarget {
  public:

@@ -3,8 +3,6 @@
 #include <array>
 #include <cassert>
 
-#include "src/base/srgb.h"
-
 namespace relievo {
 namespace {
 
@@ -74,10 +72,7 @@ void SampleStack::average(const gl::Program& program, const ScreenPass& screen, 
 void SampleStack::present(const gl::Program& program, const ScreenPass& screen, int window_width_px,
                           int window_height_px) const {
   glBindFramebuffer(GL_FRAMEBUFFER, 0);
-  glm::vec4 grey(1);
-  for (int c = 0; c < 3; ++c)
-    grey[c] = static_cast<float>(linearFromSrgb(kPictureGrey[static_cast<size_t>(c)] / 255.0));
-  draw(program, screen, {samples_, samples_ + 1}, window_width_px, window_height_px, grey);
+  draw(program, screen, {samples_, samples_ + 1}, window_width_px, window_height_px, pictureGreyLight());
 }
 
 }  // namespace relievo

@@ -314,9 +314,16 @@ TEST(Stages, SpareWhatIsOutOfView) {
   stage->setCamera(camera);
   stage->frame(10);
   const auto first = stage->readPixels();
-  EXPECT_NE(first, with_ball);
   const auto settled = settledPicture(*stage);
-  EXPECT_NE(settled, with_ball);
+  // Pixels that an artwork covers in one picture alone.
+  const auto covered_apart = [](const std::vector<uint8_t>& a, const std::vector<uint8_t>& b) {
+    int count = 0;
+    for (size_t k = 3; k < a.size(); k += 4) count += (a[k] > 0) != (b[k] > 0);
+    return count;
+  };
+  const bool empty = covered_apart(first, std::vector<uint8_t>(first.size())) == 0;
+  EXPECT_TRUE(empty || covered_apart(first, settled) < 200) << covered_apart(first, settled);
+  EXPECT_GT(covered_apart(with_ball, settled), 1000) << "control";
   EXPECT_GT(differenceOf(settled, std::vector<uint8_t>(settled.size())).pixels, 1000);
 }
 

@@ -54,9 +54,27 @@ void enlargeChannel(const uint8_t* coarse, int factor, uint8_t* out) {
   else enlarge<4>(coarse, out);
 }
 
-constexpr bool isAtEdge(int i) {
+struct Off {
+  int most = 0, squares = 0;
+};
+RELIEVO_SIMD_CLONES Off offOf(const uint8_t* channel, const uint8_t* shown) noexcept {
+  Off off;
+  for (int i = 0; i < kFull * kFull; ++i) {
+    const int d = channel[i] - shown[i], size = d < 0 ? -d : d;
+    off.most = off.most > size ? off.most : size;
+    off.squares += d * d;  // at most 136^2 255^2, within 31 bits
+  }
+  return off;
+}
+// Of the rows and columns on both sides of the page's edge.
+int mostAtEdges(const uint8_t* channel, const uint8_t* shown) {
   constexpr int kFirst = kPageBorderPx, kLast = kFull - kPageBorderPx;
-  return i == kFirst - 1 || i == kFirst || i == kLast - 1 || i == kLast;
+  int most = 0;
+  for (const int line : {kFirst - 1, kFirst, kLast - 1, kLast})
+    for (int i = 0; i < kFull; ++i)
+      for (const int at : {line * kFull + i, i * kFull + line})
+        most = std::max(most, std::abs(channel[at] - shown[at]));
+  return most;
 }
 
 // In eighths of a step. Each round adds to a coarse texel what its square lacks in the mean.
@@ -80,19 +98,11 @@ bool reduceChannel(const uint8_t* channel, int factor, const ChannelTolerance& t
         coarse[y * side + x] = static_cast<uint8_t>(std::clamp((v + 4) >> 3, 0, 255));
       }
     enlargeChannel(coarse, factor, shown.data());
-    int most = 0, most_at_edges = 0;
-    int64_t squares = 0;
-    for (int y = 0; y < kFull; ++y)
-      for (int x = 0; x < kFull; ++x) {
-        const auto i = static_cast<size_t>(y * kFull + x);
-        const int off = channel[i] - shown[i], size = std::abs(off);
-        most = std::max(most, size);
-        if (isAtEdge(x) || isAtEdge(y)) most_at_edges = std::max(most_at_edges, size);
-        squares += off * off;
-      }
-    const double rms = std::sqrt(static_cast<double>(squares) / static_cast<double>(shown.size()));
-    if (most <= tolerance.most && rms <= tolerance.rms && most_at_edges <= at_edges) return true;
-    if (most > kHopeless * tolerance.most || rms > kHopeless * tolerance.rms) return false;
+    const Off off = offOf(channel, shown.data());
+    const double rms = std::sqrt(static_cast<double>(off.squares) / static_cast<double>(shown.size()));
+    if (off.most <= tolerance.most && rms <= tolerance.rms && mostAtEdges(channel, shown.data()) <= at_edges)
+      return true;
+    if (off.most > kHopeless * tolerance.most || rms > kHopeless * tolerance.rms) return false;
   }
   return false;
 }

@@ -18,8 +18,8 @@ using relief_levels::EncodingCoder;
 constexpr int kHeightLevels = kTailCodeCellsLog2;
 constexpr size_t kHeights = ((1 << kHeightLevels) + 1) * ((1 << kHeightLevels) + 1);
 constexpr int kSide = kTailCodeTexels, kLevels = 4;
-constexpr size_t kTexels = 256 + 64 + 16 + 4;  // of a channel
-constexpr size_t kLengthBytes = 4;             // before each stream
+constexpr size_t kTexels = 256 + 64 + 16 + 4;        // of a channel
+constexpr size_t kLengthBytes = kTailCodeHeadBytes;  // before each stream
 
 // ---- heights ----
 
