@@ -48,18 +48,23 @@ namespace {
 // A bake in the scan's units as the package has it, in mm.
 class BakedPatches final : public PatchSource {
  public:
-  BakedPatches(const MeshBake& bake, double mm_per_unit, double slight_mm, std::vector<Provenance> sources,
+  // step: of the lattice of the base's corners, in the scan's units.
+  BakedPatches(const MeshBake& bake, double step, double mm_per_unit, double slight_mm, std::vector<Provenance> sources,
                const TextureFormat& format)
       : bake_(bake),
         mm_(mm_per_unit),
+        step_mm_(step * mm_per_unit),
         slight_mm_(slight_mm),
         base_(bake.base()),
         sources_(std::move(sources)),
         format_(format) {
     base_.origin_mm *= mm_;
-    for (BaseCorner& c : base_.corners) c.position_mm = glm::vec3(glm::dvec3(c.position_mm) * mm_);
+    for (BaseCorner& c : base_.corners)
+      for (int axis = 0; axis < 3; ++axis)
+        c.position_mm[axis] = onStep(c.position_mm[axis], step, step_mm_);
   }
   const BaseMesh& base() const override { return base_; }
+  double baseStepMm() const override { return step_mm_; }
   int textureDepth() const override { return bake_.textureDepth(); }
   int reliefDepth() const override { return bake_.reliefDepth(); }
   TextureFormat format() const override { return format_; }
@@ -100,7 +105,7 @@ class BakedPatches final : public PatchSource {
   }
 
   const MeshBake& bake_;
-  double mm_, slight_mm_;
+  double mm_, step_mm_, slight_mm_;
   BaseMesh base_;
   std::vector<Provenance> sources_;
   TextureFormat format_;
@@ -386,6 +391,10 @@ class MeshBuild {
   // Rounds heights to steps as large as the target allows.
   Result<void> chooseStep();
   Result<void> bake();
+  FidelityTarget target(double tolerance = 0) const;
+  // Of the lattice that corners of base meshes are moved to before they are baked, in the scan's units: packages need
+  // few bytes for them, and heights make up for it. Where patches are the scan's triangles, there are hardly any.
+  double baseStep() const;
   // tolerance: in the scan's units; 0 is what was asked for.
   Result<Fidelity> measureBake(const MeshBake& bake, double tolerance = 0);
   // After a miss at the program's own choice of patches: sets kept_tolerance_mm_.
@@ -501,17 +510,29 @@ Result<void> MeshBuild::makeBase() {
   return {};
 }
 
+double MeshBuild::baseStep() const {
+  constexpr double kOfTarget = 1.0 / 16;  // of the RMS that is aimed at: hardly seen where heights are 0, too
+  const double diagonal = diagonalOf(loaded_.mesh), finest = diagonal / (kMostPositionSteps / 4);
+  return base_kind_ == BaseKind::kFaces ? finest : std::max(kOfTarget * target().rms_mm, finest);
+}
+
+FidelityTarget MeshBuild::target(double tolerance) const {
+  const double diagonal = diagonalOf(loaded_.mesh);
+  if (tolerance == 0) tolerance = toleranceOf(a_, diagonal);
+  return tolerance > 0 ? FidelityTarget::within(tolerance) : FidelityTarget::of(diagonal);
+}
+
 Result<void> MeshBuild::bake() {
   const TriMesh& scan = loaded_.mesh;
   const Image8& image = textured_.image;
   BakeOptions bake_options;
   const double diagonal = diagonalOf(scan), asked = toleranceOf(a_, diagonal);
-  const double target = asked > 0 ? asked : FidelityTarget::of(diagonal).p99_9_mm;
-  if (asked > 0 || more_samples_ || finer_cells_) bake_options.tolerance_mm = target / (finer_cells_ ? 12 : 3);
+  const double most = asked > 0 ? asked : target().p99_9_mm;
+  if (asked > 0 || more_samples_ || finer_cells_) bake_options.tolerance_mm = most / (finer_cells_ ? 12 : 3);
   bake_options.prefer_touching = refined_ || base_kind_ != BaseKind::kEven;
-  // Corners that are rounded to single precision lie so far from the scan's planes.
-  constexpr double kRounding = 2e-7;
-  if (base_kind_ == BaseKind::kFaces) bake_options.touch_mm = kRounding * diagonal;
+  // Corners that are rounded to the lattice, and to single precision, lie so far from the scan's planes.
+  constexpr double kRounding = 2e-7, kHalfOfCell = 0.87;
+  if (base_kind_ == BaseKind::kFaces) bake_options.touch_mm = kHalfOfCell * baseStep() + kRounding * diagonal;
   bake_options.workers = a_.package.workers;
   bake_options.errors = false;
   // Far off, most of a bake would go to a fit that hardly helps: not where patches of the scan's own triangles come
@@ -525,7 +546,7 @@ Result<void> MeshBuild::bake() {
     return MeshBake::create(
         scan,
         {image.width, image.height, image.pixels, std::max(image.channels, 3), !a_.ptm.empty(), scan.texture_repeats},
-        base_, bake_options, *scene);
+        onLattice(base_, baseStep()), bake_options, *scene);
   });
   if (!bake) return bake.error();
   bake_ = std::move(*bake);
@@ -546,10 +567,7 @@ Result<Fidelity> MeshBuild::measureBake(const MeshBake& bake, double tolerance) 
     fidelity_scan_.emplace(scan, a_.package.workers, 0,
                            scene && scene->rasteriser ? scene->rasteriser->runs() : nullptr);
   }
-  const double diagonal = diagonalOf(scan);
-  if (tolerance == 0) tolerance = toleranceOf(a_, diagonal);
-  const FidelityTarget target = tolerance > 0 ? FidelityTarget::within(tolerance) : FidelityTarget::of(diagonal);
-  return measureFidelity(*fidelity_scan_, bake, target, run);
+  return measureFidelity(*fidelity_scan_, bake, target(tolerance), run);
 }
 
 Result<void> MeshBuild::bakeUntilKept() {
@@ -769,7 +787,8 @@ Result<void> MeshBuild::pack() {
   package.memory_budget_bytes = std::max(package.memory_budget_bytes, held + kLeastPackageBytes) - held;
   auto built = stages_.run("package", [&] {
     return buildPatchesWithProgress(
-        BakedPatches(*bake_, mm(1), mm(kSlight * fidelity_.target.rms_mm), sources, textured_.format), package);
+        BakedPatches(*bake_, baseStep(), mm(1), mm(kSlight * fidelity_.target.rms_mm), sources, textured_.format),
+        package);
   });
   if (!built) return built.error().kind == ErrorKind::kInterrupted ? interrupted(a_) : built.error();
   result_.pages = built->pages;

@@ -34,6 +34,45 @@ std::vector<PatchNeighbours> patchNeighbours(const BaseMesh& mesh) {
   return all;
 }
 
+float onStep(float v, double step, double new_step) {
+  return static_cast<float>(std::nearbyint(double{v} / step) * new_step + 0.0);  // no -0
+}
+
+BaseMesh onLattice(const BaseMesh& mesh, double step_mm) {
+  BaseMesh out;
+  out.origin_mm = mesh.origin_mm;
+  out.patches = mesh.patches;
+  constexpr uint32_t kUnnamed = ~uint32_t{0};
+  std::vector<uint32_t> number(mesh.corners.size(), kUnnamed);
+  auto add = [&](uint32_t corner) {
+    number[corner] = static_cast<uint32_t>(out.corners.size());
+    out.corners.push_back(mesh.corners[corner]);
+  };
+  for (auto& patch : out.patches)
+    for (uint32_t& corner : patch) {
+      if (number[corner] == kUnnamed) add(corner);
+      corner = number[corner];
+    }
+  for (uint32_t c = 0; c < number.size(); ++c)
+    if (number[c] == kUnnamed) add(c);
+  for (BaseCorner& c : out.corners) {
+    // The largest component of the normal is what the others leave of its length.
+    int largest = 0;
+    for (int axis = 0; axis < 3; ++axis) {
+      c.position_mm[axis] = onStep(c.position_mm[axis], step_mm, step_mm);
+      if (std::abs(c.normal[axis]) > std::abs(c.normal[largest])) largest = axis;
+    }
+    double left = 1;
+    for (int i = 1; i <= 3; ++i) {
+      float& n = c.normal[(largest + i) % 3];
+      if (i == 3) n = static_cast<float>(std::copysign(std::sqrt(std::max(0.0, left)), n));
+      n = onStep(n, 1 / kNormalSteps, 1 / kNormalSteps);
+      left -= double{n} * n;
+    }
+  }
+  return out;
+}
+
 std::string baseMeshProblem(const BaseMesh& mesh) {
   if (mesh.patches.empty()) return "there is no patch";
   if (mesh.patches.size() > kMaxPatches) return "there are more than 2^20 patches";

@@ -72,6 +72,15 @@ struct HeightSlopes {
   friend bool operator==(const HeightSlopes&, const HeightSlopes&) = default;
 };
 
+// Base meshes that take few bytes in a package have corners on lattices: positions k step from the origin, in single
+// precision, |k| at most 2^23, and components of normals in 1024ths, which leaves a normal's length within 1e-3 of 1.
+// Corners come in the order in which patches name them first.
+inline constexpr double kNormalSteps = 1024;
+inline constexpr int32_t kMostPositionSteps = 1 << 23;
+BaseMesh onLattice(const BaseMesh& mesh, double step_mm);
+// A coordinate on such a lattice, or near it, as one on the lattice of another unit.
+float onStep(float v, double step, double new_step);
+
 // A patch's tail, resident whenever the patch is: its heights at 2^kTailCellsLog2 cells a side and its texture's levels
 // of kTailTexels a side and fewer (texturing/package/patch_tails.h).
 inline constexpr int kTailCellsLog2 = 4;

@@ -14,7 +14,7 @@
 #include "tests/fuzz/fuzz_packages.h"
 #include "texturing/codec/page_codec.h"
 #include "texturing/package/package.h"
-#include "texturing/package/package_base.h"
+#include "texturing/package/base_code.h"
 #include "texturing/package/package_layout.h"
 
 namespace relievo::fuzz {
@@ -71,10 +71,7 @@ void seal(std::vector<uint8_t>& file, bool both_headers) {
   sealHeader();
   if (auto header = decodeHeader(std::span(file).first(kHeaderBytes), "")) {
     if (header->texture_depths && inside(header->base_offset, header->base_bytes)) {
-      const uint32_t patches = header->domain.patchCount();
-      auto raw =
-          unpackBaseSection({h + header->base_offset, header->base_bytes}, patches, BaseSectionEnd::kTextureDepths);
-      auto base = raw.ok() ? decodeBaseSection(*raw, patches) : Result<BaseSection>(raw.error());
+      auto base = readBaseSection(*header, {h + header->base_offset, header->base_bytes});
       if (base.ok() && textureDepthsProblem(*header, base->texture_depths).empty())
         header->domain.setTextureDepths(std::make_shared<const TextureDepths>(std::move(base->texture_depths)));
     }

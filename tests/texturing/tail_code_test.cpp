@@ -14,10 +14,14 @@
 #include <gtest/gtest.h>
 
 #include "src/artwork/relief_lattice.h"
+#include "tests/texturing/format_coder.h"
 #include "texturing/package/package_tails.h"
 
 namespace relievo::tail_code_test {
 namespace {
+
+using format_coder::Coder;
+using format_coder::Model;
 
 constexpr uint32_t kSeed = 20261127;
 
@@ -238,43 +242,6 @@ TEST(TailCode, DamagedBytesAreRefusedOrDecodeToSomething) {
 }
 
 // ---- a reader by what PACKAGE.md says, in its words and with nothing of ours but what relief pages have ----
-
-struct Model {
-  int64_t zero = 1 << 15, seen = 0;
-};
-class Coder {
- public:
-  explicit Coder(std::span<const uint8_t> bytes) : bytes_(bytes) {
-    for (int i = 0; i < 4; ++i) code_ = code_ << 8 | next();
-  }
-  int bit(Model& m) {
-    const uint64_t bound = (range_ * static_cast<uint64_t>(m.zero)) >> 16;
-    const int bit = take(bound);
-    const int64_t rate = 131072 / (2 * m.seen + 3);
-    m.zero += ((bit ? 48 : 65488) - m.zero) * (rate >> 1) >> 15;
-    m.seen = std::min<int64_t>(m.seen + 1, 90);
-    return bit;
-  }
-  int plain(int bits) {
-    int value = 0;
-    for (; bits > 0; --bits) value = 2 * value + take(range_ >> 1);
-    return value;
-  }
-  bool ended() const { return at_ == bytes_.size(); }
-
- private:
-  int take(uint64_t bound) {
-    const int bit = code_ >= bound;
-    if (bit) code_ -= bound, range_ -= bound;
-    else range_ = bound;
-    for (; range_ < (uint64_t{1} << 24); range_ <<= 8) code_ = code_ << 8 | next();
-    return bit;
-  }
-  uint64_t next() { return at_ < bytes_.size() ? bytes_[at_++] : (++at_, 0); }
-  std::span<const uint8_t> bytes_;
-  size_t at_ = 0;
-  uint64_t range_ = 0xFFFFFFFF, code_ = 0;
-};
 
 // Models by a name and numbers; they begin as `begin` says of these.
 class ModelBook {

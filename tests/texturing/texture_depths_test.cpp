@@ -246,8 +246,8 @@ TEST(TextureDepths, PackagesLeaveOutWhatShowsAnywayAndNothingElse) {
   const MostlySmooth source(kSeed);
   const auto whole = built(folder.file("whole.relievo"), source, -1),
              package = built(folder.file("a.relievo"), source, kTolerance);
-  EXPECT_EQ(packageVersion(whole->header()), 6u);
-  EXPECT_EQ(packageVersion(package->header()), 6u);
+  EXPECT_EQ(packageVersion(whole->header()), 7u);
+  EXPECT_EQ(packageVersion(package->header()), 7u);
   EXPECT_FALSE(whole->header().texture_depths);
   const PatchDomain& d = package->manifest().domain;
   ASSERT_TRUE(d.textureDepths());
@@ -269,7 +269,7 @@ TEST(TextureDepths, PackagesLeaveOutWhatShowsAnywayAndNothingElse) {
   }
   EXPECT_GE(bare, 12u);
   EXPECT_TRUE(d.hasUntexturedPatch());
-  EXPECT_EQ(nlohmann::json::parse(package->manifestJson())["version"], 6);
+  EXPECT_EQ(nlohmann::json::parse(package->manifestJson())["version"], 7);
   EXPECT_EQ(d.texturedNodeCount(0), d.patchCount() - bare);
 
   if (!test::kSanitized) {
@@ -361,7 +361,17 @@ TEST(TextureDepths, VersionsFourAndFiveHoldTheSameTails) {
     o.coded_tails = false;
     ASSERT_TRUE(buildPatchPackage(source, o).ok());
     const auto older = *Package::open(o.output);
-    EXPECT_EQ(packageVersion(now->header()), 6u);
+    o.coded_tails = true;
+    o.coded_base = false;
+    o.output = folder.file("six.relievo");
+    ASSERT_TRUE(buildPatchPackage(source, o).ok());
+    const auto six = *Package::open(o.output);
+    EXPECT_EQ(packageVersion(six->header()), 6u);
+    EXPECT_EQ(six->tailProblems(), now->tailProblems());
+    EXPECT_TRUE(six->manifest().coarse_errors == now->manifest().coarse_errors);
+    EXPECT_TRUE(six->manifest().coarse_shapes == now->manifest().coarse_shapes);
+    EXPECT_TRUE(*six->manifest().base == *now->manifest().base);
+    EXPECT_EQ(packageVersion(now->header()), 7u);
     EXPECT_EQ(packageVersion(older->header()), tolerance < 0 ? 4u : 5u);
     EXPECT_EQ(nlohmann::json::parse(older->manifestJson())["version"], tolerance < 0 ? 4 : 5);
     EXPECT_TRUE(now->tailProblems().empty() && older->tailProblems().empty());
@@ -497,7 +507,9 @@ class DepthsOfPackage : public ::testing::Test {
  protected:
   void SetUp() override {
     static const std::vector<uint8_t> once = [&] {
-      built(path_, MostlySmooth(kSeed), kTolerance);
+      BuildOptions o = optionsOf(path_, kTolerance);
+      o.coded_base = false;
+      EXPECT_TRUE(buildPatchPackage(MostlySmooth(kSeed), o).ok());
       return readAll(path_);
     }();
     writeAll(path_, once);
@@ -557,7 +569,7 @@ TEST_F(DepthsOfPackage, hostileFieldsAreRefusedByName) {
   EXPECT_NE(withField(2060, uint32_t{0}), "") << "then all pages would be there";
   expect(withField(2064, uint32_t{0}), "expected tails of kind 1 in version 6, found 0");
   expect(withField(2064, uint32_t{2}), "expected tails of kind 1 in version 6, found 2");
-  expect(withField(8, uint32_t{7}), "expected package version 1 to 6, found 7");
+  expect(withField(8, uint32_t{8}), "expected package version 1 to 7, found 8");
   EXPECT_NE(withField(8, uint32_t{4}), "") << "version 4 has all pages";
   expect(withField(304, uint64_t{0}), "expected the patches' tails in version 6, found none");
   // Other numbers of pages and of the index's bytes, within what any depths could make and beyond.

@@ -1,5 +1,6 @@
 #include "texturing/package/package_layout.h"
 
+#include "texturing/package/base_code.h"
 #include "texturing/package/package_base.h"
 #include "texturing/package/package_tails.h"
 
@@ -81,11 +82,13 @@ struct HeaderField {
 constexpr int kOldPlanes = 8;
 constexpr size_t kOldCoefficients = 6, kOldScales = 144, kOldBiases = 192, kOldCodecs = 240, kOldParameters = 248;
 constexpr uint32_t kDescribedBasis = 0xFFFFFFFFu;  // instead of its number
-// Version 4: how relief pages, the base mesh and the tree of errors by block are stored, 1 each.
+// From version 4 on: how relief pages, the base mesh and the tree of errors by block are stored, 1 each; from version 7
+// on the base mesh 2.
 constexpr std::array<size_t, 3> kCompactFields{2048, 2052, 2056};
-// Version 5: how texture levels that patches do not have are left out, 1. Version 4: 0; version 6: either.
+constexpr size_t kBaseField = 2052;
+// Version 5: how texture levels that patches do not have are left out, 1. Version 4: 0; from version 6 on: either.
 constexpr size_t kTextureDepthsField = 2060;
-// Version 6: how tails are stored, 1. Before: 0.
+// From version 6 on: how tails are stored, 1. Before: 0.
 constexpr size_t kTailsField = 2064;
 constexpr size_t kBasisName = 320, kBasisNameBytes = 32, kBasisCounts = 352, kBasisEncodings = 368, kBasisScales = 432;
 static_assert(kBasisEncodings + 2 * kMaxTexturePlanes <= kBasisScales);
@@ -341,7 +344,7 @@ void encodeHeader(const PackageHeader& h, std::span<uint8_t> out) {
   if (h.texture.basis > Basis::kAlbedoNormal) putBasis(f, h);
   else putOldBasis(f, h);
   if (h.compact)
-    for (size_t field : kCompactFields) f.put(field, 1u);
+    for (size_t field : kCompactFields) f.put(field, field == kBaseField && h.coded_base ? 2u : 1u);
   if (h.compact && h.texture_depths) f.put(kTextureDepthsField, 1u);
   if (h.compact && h.coded_tails) f.put(kTailsField, 1u);
   f.put(256, h.relief_detail ? static_cast<uint32_t>(kErrorBlocks) : 0u);
@@ -401,8 +404,8 @@ class HeaderDecoder {
                    "make one with `relievo build`", 0};
     }
     version_ = at<uint32_t>(8);
-    if (version_ < 1 || version_ > 6) {
-      return Error{ErrorKind::kUnsupported, path_, "expected package version 1 to 6, found " + std::to_string(version_),
+    if (version_ < 1 || version_ > 7) {
+      return Error{ErrorKind::kUnsupported, path_, "expected package version 1 to 7, found " + std::to_string(version_),
                    "use a newer relievo, or rebuild the package", 8};
     }
     if (at<uint64_t>(kHeaderBytes - 8) != XXH3_64bits(p_, kHeaderBytes - 8))
@@ -450,18 +453,21 @@ class HeaderDecoder {
                                   std::to_string(shapes));
     h_.relief_shapes = shapes == 1;
     h_.compact = version_ >= 4;
-    h_.coded_tails = version_ == 6;
-    h_.texture_depths = version_ == 5 || (version_ == 6 && at<uint32_t>(kTextureDepthsField) != 0);
+    h_.coded_tails = version_ >= 6;
+    h_.coded_base = version_ >= 7;
+    h_.texture_depths = version_ == 5 || (version_ >= 6 && at<uint32_t>(kTextureDepthsField) != 0);
     if (!h_.compact) return {};
     for (size_t field : kCompactFields)
-      if (const auto kind = at<uint32_t>(field); kind != 1)
-        return unsupported(field, "expected storage of kind 1 in version " + std::to_string(version_) + ", found " +
-                                      std::to_string(kind));
+      if (const uint32_t kind = at<uint32_t>(field), expected = field == kBaseField && h_.coded_base ? 2 : 1;
+          kind != expected)
+        return unsupported(field, "expected storage of kind " + std::to_string(expected) + " in version " +
+                                      std::to_string(version_) + ", found " + std::to_string(kind));
     if (const auto kind = at<uint32_t>(kTextureDepthsField); h_.texture_depths && kind != 1)
       return unsupported(kTextureDepthsField, "expected patches' texture levels of kind 1 in version " +
                                                   std::to_string(version_) + ", found " + std::to_string(kind));
     if (const auto kind = at<uint32_t>(kTailsField); h_.coded_tails && kind != 1)
-      return unsupported(kTailsField, "expected tails of kind 1 in version 6, found " + std::to_string(kind));
+      return unsupported(kTailsField, "expected tails of kind 1 in version " + std::to_string(version_) + ", found " +
+                                          std::to_string(kind));
     if (at<uint64_t>(272) == 0)
       return invalid(272, "expected a base mesh in version " + std::to_string(version_) + ", found none");
     return {};
@@ -509,11 +515,14 @@ class HeaderDecoder {
     if (d.height_px != d.patchPx() || d.width_px % d.patchPx() != 0)
       return invalid(88, "an artwork over a base mesh is a strip of whole patches along x");
     if (d.relief_depth < 0) return invalid(132, "an artwork over a base mesh has a relief");
-    if (const uint64_t least =
-            h_.compact ? kLeastPackedBaseBytes : baseSectionBytes(4, d.patchCount(), BaseSectionEnd::kBlocks),
+    if (const uint64_t least = h_.coded_base ? kLeastCodedBaseBytes
+                               : h_.compact  ? kLeastPackedBaseBytes
+                                             : baseSectionBytes(4, d.patchCount(), BaseSectionEnd::kBlocks),
         most = baseSectionBytes(uint64_t{4} * d.patchCount(), d.patchCount(),
                                 h_.texture_depths ? BaseSectionEnd::kTextureDepths : BaseSectionEnd::kShapes);
-        h_.base_bytes < least || h_.base_bytes > (h_.compact ? mostPackedBaseBytes(most) : most)) {
+        h_.base_bytes < least || h_.base_bytes > (h_.coded_base ? mostCodedBaseBytes(most)
+                                                  : h_.compact  ? mostPackedBaseBytes(most)
+                                                                : most)) {
       return invalid(272, "expected a base mesh of " + std::to_string(least) + " to " + std::to_string(most) +
                               " bytes, found " + std::to_string(h_.base_bytes));
     }

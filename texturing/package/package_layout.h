@@ -47,11 +47,13 @@ struct PackageHeader {
   // Version 4, over a base mesh only: hierarchical relief pages, a packed base mesh, no errors by block of the finest
   // relief pages, which have none.
   bool compact = false;
-  // Version 5, or 6: a compact package whose base mesh says how many texture levels each patch has
+  // Version 5 and later: a compact package whose base mesh says how many texture levels each patch has
   // (PatchDomain::textureDepths()). decodeHeader() does not know them yet: its domain has all levels.
   bool texture_depths = false;
-  // Version 6, a compact package whose tails are coded (texturing/codec/tail_code.h).
+  // Version 6 and later, a compact package whose tails are coded (texturing/codec/tail_code.h).
   bool coded_tails = false;
+  // Version 7, one of version 6 whose base mesh is coded (base_code.h).
+  bool coded_base = false;
   uint32_t detailBytes() const {
     return relief_detail ? kReliefDetailBytes + (relief_shapes ? kReliefShapesBytes : 0) : 0;
   }
@@ -60,10 +62,11 @@ struct PackageHeader {
   // The directory of the patches' tails (0 bytes: there are none): package_tails.h.
   uint64_t tails_offset = 0, tails_bytes = 0, tails_hash = 0;
 };
-// 6, 5 or 4 where it is compact; else 3 where the header describes the basis; else 1, or 2 with a base mesh: packages
+// 7 to 4 where it is compact; else 3 where the header describes the basis; else 1, or 2 with a base mesh: packages
 // of those bases stay what they were.
 inline uint32_t packageVersion(const PackageHeader& h) {
-  return h.compact                                ? (h.coded_tails      ? 6
+  return h.compact                                ? (h.coded_base       ? 7
+                                                     : h.coded_tails    ? 6
                                                      : h.texture_depths ? 5
                                                                         : 4)
          : h.texture.basis > Basis::kAlbedoNormal ? 3

@@ -14,6 +14,7 @@
 #include "src/base/parallel_for.h"
 #include "texturing/codec/page_codec.h"
 #include "texturing/codec/tail_code.h"
+#include "texturing/package/base_code.h"
 #include "texturing/package/package.h"
 #include "texturing/package/package_base.h"
 #include "texturing/package/package_layout.h"
@@ -89,19 +90,7 @@ struct Package::Impl {
       if (XXH3_64bits(bytes.data(), bytes.size()) != header.base_hash)
         return Error{ErrorKind::kInvalidData, file.path(), "the base mesh is damaged: its checksum does not match",
                      "rebuild the package, or get a whole copy", offset};
-      if (header.compact) {
-        auto unpacked =
-            unpackBaseSection(bytes, header.domain.patchCount(),
-                              header.texture_depths ? BaseSectionEnd::kTextureDepths : BaseSectionEnd::kShapes);
-        if (!unpacked) {
-          Error error = unpacked.error();
-          error.file = file.path();
-          error.offset = offset;
-          return error;
-        }
-        bytes = std::move(*unpacked);
-      }
-      auto section = decodeBaseSection(bytes, header.domain.patchCount());
+      auto section = readBaseSection(header, bytes);
       if (section) {
         const std::string problem = textureDepthsProblem(header, section->texture_depths);
         if (problem.empty()) return section;

@@ -28,6 +28,7 @@
 #include "src/base/parallel_for.h"
 #include "texturing/codec/mip.h"
 #include "texturing/codec/page_codec.h"
+#include "texturing/package/base_code.h"
 #include "texturing/package/build_reporter.h"
 #include "texturing/package/crease_gutter.h"
 #include "texturing/package/package_base.h"
@@ -110,7 +111,7 @@ Error invalid(uint32_t patch, const std::string& what) {
 // ---- what is known of a patch's relief ----
 // In a compact package bounds are rounded, away from what they bound, to few values: they take far fewer bytes so, and
 // are hardly larger.
-constexpr int kMantissaBits = 7, kShareSteps = 15, kShapeSteps = 7;
+constexpr int kMantissaBits = 6, kShareSteps = 15, kShapeSteps = 7;
 // The next number away from 0 (up) or towards it that has so many bits behind the point.
 float rounded(float v, bool up) {
   constexpr uint32_t kBelow = (1u << (23 - kMantissaBits)) - 1;
@@ -844,6 +845,7 @@ Result<PackageHeader> planHeader(const PatchSource& source, const BuildOptions& 
   header.relief_detail = header.relief_shapes = true;
   header.compact = options.compact;
   header.coded_tails = options.compact && options.coded_tails;
+  header.coded_base = header.coded_tails && options.coded_base;
   header.page_count = packageLayout(header.domain, header.texture, 0, 0).page_count;
   header.base_bytes = baseSectionBytes(source.base().corners.size(), header.domain.patchCount());
   return header;
@@ -943,7 +945,8 @@ Result<BuildReport> buildPatchPackage(const PatchSource& source, const BuildOpti
   std::vector<uint8_t> base = encodeBaseSection(
       {source.base(), std::move(context.coarse_errors), std::move(context.coarse_blocks), std::move(context.slopes),
        std::move(context.coarse_shapes), source.errorUnitMm(), std::move(context.texture_depths)});
-  if (header.compact) base = packBaseSection(base, kBaseZstdLevel);
+  if (header.coded_base) base = encodeBaseCode(base, source.baseStepMm());
+  else if (header.compact) base = packBaseSection(base, kBaseZstdLevel);
   const auto manifest = manifestOf(header, source, options);
   if (!manifest) return manifest.error();
   if (auto placed = placeSections(header, *manifest, base); !placed) return placed.error();

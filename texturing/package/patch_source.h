@@ -21,6 +21,8 @@ class PatchSource {
  public:
   virtual ~PatchSource() = default;
   virtual const BaseMesh& base() const = 0;
+  // Of the lattice that its corners' positions lie on (onLattice()); 0: of none.
+  virtual double baseStepMm() const { return 0; }
   virtual int textureDepth() const = 0;
   virtual int reliefDepth() const = 0;
   virtual TextureFormat format() const = 0;

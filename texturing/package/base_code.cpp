@@ -1,0 +1,469 @@
+#include "texturing/package/base_code.h"
+
+#include <algorithm>
+#include <array>
+#include <bit>
+#include <cassert>
+#include <cmath>
+#include <cstring>
+#include <memory>
+#include <optional>
+#include <type_traits>
+
+#include "texturing/codec/range_coder.h"
+#include "texturing/codec/relief_levels.h"
+#include "texturing/package/package_layout.h"
+
+namespace relievo {
+namespace base_code {
+namespace {
+
+using relief_levels::DecodingCoder;
+using relief_levels::EncodingCoder;
+
+// Where the section's arrays begin.
+struct Places {
+  uint64_t corners, quads, errors, blocks, slopes, shapes, depths;
+  Places(uint64_t corner_count, uint64_t patches)
+      : corners(kBaseHeadBytes),
+        quads(corners + kBaseCornerBytes * corner_count),
+        errors(quads + 16 * patches),
+        blocks(errors + sizeof(CoarseErrors) * patches),
+        slopes(blocks + sizeof(CoarseBlocks) * patches),
+        shapes(slopes + kBaseSlopesBytes * patches),
+        depths(shapes + kBaseShapesBytes * patches) {}
+};
+
+// Numbers of which small ones are frequent: how many bits they have, then these.
+struct NumberModels {
+  std::array<BitModel, 64> width;
+  std::array<std::array<BitModel, 2>, 33> top;
+};
+
+// Numbers in single precision whose low half and `spare` bits above it are 0, as bounds are stored: in the order of
+// their values, as signed integers.
+struct Order {
+  int spare = 0;
+  int32_t most() const { return 0x7FFF >> spare; }
+  int32_t of(uint32_t bits) const {
+    const auto high = static_cast<int32_t>(bits >> 16);
+    return high < 0x8000 ? high >> spare : -((high - 0x8000) >> spare);
+  }
+  uint32_t bits(int32_t order) const {
+    return static_cast<uint32_t>(order >= 0 ? order << spare : 0x8000 + (-order << spare)) << 16;
+  }
+};
+
+template <class Coder>
+class BaseCode {
+  static constexpr bool kEncodes = std::is_same_v<Coder, EncodingCoder>;
+
+ public:
+  // section: read by an encoder, and written by both.
+  BaseCode(Coder& coder, std::span<uint8_t> section, uint32_t corners, uint32_t patches, bool depths)
+      : coder_(coder),
+        out_(section.data()),
+        corners_(corners),
+        patches_(patches),
+        depths_(depths),
+        at_(corners, patches) {}
+
+  // step: of the lattice of positions; an encoder's. False: damaged.
+  bool run(double step) {
+    for (uint64_t i = 8; i < kBaseHeadBytes; ++i) byte(i, [&](uint32_t v) { return coder_.plain(v, 8); });
+    if (!quads()) return false;
+    positions(step);
+    normals();
+    errors();
+    blocks();
+    slopes();
+    shapes();
+    if (depths_)
+      for (uint32_t p = 0; p < patches_; ++p) byte(at_.depths + p, [&](uint32_t v) { return symbol<8>(depth_, v); });
+    return !damaged_;
+  }
+
+ private:
+  // ---- numbers ----
+  template <class F>
+  uint32_t byte(uint64_t at, F&& code) {
+    return out_[at] = static_cast<uint8_t>(code(out_[at]));
+  }
+  template <class F>
+  uint32_t word(uint64_t at, F&& code) {
+    const uint32_t v = code(loadLittle<uint32_t>(out_ + at));
+    storeLittle(out_ + at, v);
+    return v;
+  }
+  uint32_t wordAt(uint64_t at) const { return loadLittle<uint32_t>(out_ + at); }
+  template <int kBits, size_t kSize>
+  uint32_t symbol(std::array<BitModel, kSize>& models, uint32_t v) {
+    static_assert(kSize == 1 << kBits);
+    uint32_t node = 1;
+    for (int i = kBits - 1; i >= 0; --i) node = node << 1 | coder_.bit(models[node], v >> i & 1);
+    return node - (1u << kBits);
+  }
+  uint32_t number(NumberModels& m, uint32_t v) {
+    const auto width = static_cast<int>(symbol<6>(m.width, static_cast<uint32_t>(std::bit_width(v))));
+    if (width > 32) return damaged_ = true, 0;
+    if (width == 0) return 0;
+    uint32_t value = 1;
+    int left = width - 1;
+    for (size_t k = 0; k < 2 && left > 0; ++k) {
+      --left;
+      value = value << 1 | static_cast<uint32_t>(coder_.bit(m.top[static_cast<size_t>(width)][k], v >> left & 1));
+    }
+    if (left > 0) value = value << left | coder_.plain(v & ((1u << left) - 1), left);
+    return value;
+  }
+  int32_t signedNumber(NumberModels& m, int32_t v) {
+    const uint32_t folded = number(m, v < 0 ? ~(static_cast<uint32_t>(v) << 1) : static_cast<uint32_t>(v) << 1);
+    return static_cast<int32_t>(folded & 1 ? ~(folded >> 1) : folded >> 1);
+  }
+  bool flag(bool v) { return coder_.plain(v, 1) != 0; }
+
+  // ---- which corners patches have ----
+  // A corner that comes for the first time is the next one; others are found by how long ago they were named.
+  bool quads() {
+    std::vector<uint32_t> recent;  // the latest last
+    uint32_t next = 0;
+    constexpr size_t kRecent = 62;
+    for (uint32_t p = 0; p < patches_; ++p) {
+      for (size_t k = 0; k < 4; ++k) {
+        const uint64_t at = at_.quads + 16 * uint64_t{p} + 4 * k;
+        uint32_t corner = wordAt(at), rank = 0;
+        if constexpr (kEncodes) {
+          const auto found = std::find(recent.rbegin(), recent.rend(), corner);
+          rank = corner == next           ? 0
+                 : found != recent.rend() ? 1 + static_cast<uint32_t>(found - recent.rbegin())
+                                          : kRecent + 1;
+        }
+        rank = symbol<6>(rank_[k][last_new_], rank);
+        last_new_ = rank == 0;
+        if (rank == kRecent + 1) corner = coder_.plain(corner, 32);
+        else if (rank == 0) corner = next;
+        else if (rank > recent.size()) return false;
+        else corner = recent[recent.size() - rank];
+        if (corner >= corners_) return false;
+        if (corner == next) ++next;
+        storeLittle(out_ + at, corner);
+        if (const auto found = std::find(recent.begin(), recent.end(), corner); found != recent.end())
+          recent.erase(found);
+        recent.push_back(corner);
+        if (recent.size() > kRecent) recent.erase(recent.begin());
+      }
+    }
+    listUses();
+    return true;
+  }
+  uint32_t cornerOf(uint32_t use) const { return wordAt(at_.quads + 4 * uint64_t{use}); }
+  void listUses() {
+    first_.assign(size_t{corners_} + 1, 0);
+    uses_.resize(size_t{4} * patches_);
+    for (uint32_t u = 0; u < uses_.size(); ++u) ++first_[cornerOf(u) + 1];
+    for (size_t i = 1; i < first_.size(); ++i) first_[i] += first_[i - 1];
+    std::vector<uint32_t> next(first_.begin(), first_.end() - 1);
+    for (uint32_t u = 0; u < uses_.size(); ++u) uses_[next[cornerOf(u)]++] = u;
+  }
+
+  // ---- corners ----
+  // What values of earlier corners say of corner c: the mean of parallelograms, else of neighbours, else the one
+  // before.
+  int32_t predicted(const std::vector<int32_t>& values, uint32_t c) const {
+    int64_t sum[2]{0, 0}, count[2]{0, 0};
+    for (uint32_t i = first_[c]; i < first_[c + 1]; ++i) {
+      const uint32_t use = uses_[i], quad = use & ~3u, k = use & 3u;
+      const uint32_t a = cornerOf(quad + (k ^ 1)), b = cornerOf(quad + (k ^ 2)), across = cornerOf(quad + (k ^ 3));
+      if (a < c && b < c && across < c) sum[0] += int64_t{values[a]} + values[b] - values[across], ++count[0];
+      for (uint32_t n : {a, b})
+        if (n < c) sum[1] += values[n], ++count[1];
+    }
+    for (int k = 0; k < 2; ++k)
+      if (count[k] > 0) return static_cast<int32_t>(std::clamp<int64_t>(sum[k] / count[k], -kMostSteps, kMostSteps));
+    return c > 0 ? values[c - 1] : 0;
+  }
+  std::optional<int32_t> onStep(uint64_t at, double step) const {
+    const float v = std::bit_cast<float>(wordAt(at));
+    const double k = std::nearbyint(double{v} / step);
+    if (!(std::abs(k) <= kMostSteps)) return std::nullopt;
+    return std::bit_cast<uint32_t>(static_cast<float>(k * step)) == wordAt(at) ? std::optional(static_cast<int32_t>(k))
+                                                                               : std::nullopt;
+  }
+  uint64_t cornerAt(uint32_t c, int axis) const {
+    return at_.corners + kBaseCornerBytes * c + 4 * static_cast<uint64_t>(axis);
+  }
+  bool allOnStep(int first_axis, double step) const {
+    if (!(step > 0) || !std::isfinite(step)) return false;
+    for (uint32_t c = 0; c < corners_; ++c)
+      for (int axis = first_axis; axis < first_axis + 3; ++axis)
+        if (!onStep(cornerAt(c, axis), step)) return false;
+    return true;
+  }
+  void plainCorners(int first_axis) {
+    for (uint32_t c = 0; c < corners_; ++c)
+      for (int axis = first_axis; axis < first_axis + 3; ++axis)
+        word(cornerAt(c, axis), [&](uint32_t v) { return coder_.plain(v, 32); });
+  }
+
+  void positions(double step) {
+    if (!flag(kEncodes && allOnStep(0, step))) return plainCorners(0);
+    auto bits = std::bit_cast<uint64_t>(step);
+    const uint64_t high = coder_.plain(static_cast<uint32_t>(bits >> 32), 32);
+    bits = high << 32 | coder_.plain(static_cast<uint32_t>(bits), 32);
+    step = std::bit_cast<double>(bits);
+    std::vector<int32_t> values(corners_);
+    for (int axis = 0; axis < 3; ++axis) {
+      for (uint32_t c = 0; c < corners_; ++c) {
+        const int32_t from = predicted(values, c);
+        const int32_t k = kEncodes ? *onStep(cornerAt(c, axis), step) : 0;
+        values[c] = clamped(from + clamped(signedNumber(position_[static_cast<size_t>(axis)], k - from)));
+        storeLittle(out_ + cornerAt(c, axis), static_cast<float>(values[c] * step));
+      }
+    }
+  }
+  static int32_t clamped(int32_t k) { return std::clamp(k, -2 * kMostSteps, 2 * kMostSteps); }
+
+  // The largest component, as predicted, follows from the other two, but for its sign and rounding.
+  void normals() {
+    if (!flag(kEncodes && allOnStep(3, 1 / kNormalSteps))) return plainCorners(3);
+    std::array<std::vector<int32_t>, 3> values;
+    for (auto& v : values) v.resize(corners_);
+    for (uint32_t c = 0; c < corners_; ++c) {
+      std::array<int32_t, 3> from{};
+      int largest = 0;
+      for (size_t axis = 0; axis < 3; ++axis) {
+        from[axis] = predicted(values[axis], c);
+        if (std::abs(from[axis]) > std::abs(from[static_cast<size_t>(largest)])) largest = static_cast<int>(axis);
+      }
+      double left = kNormalSteps * kNormalSteps;
+      for (int i = 1; i <= 3; ++i) {
+        const int axis = (largest + i) % 3;
+        int32_t& v = values[static_cast<size_t>(axis)][c];
+        const int32_t k = kEncodes ? *onStep(cornerAt(c, 3 + axis), 1 / kNormalSteps) : 0;
+        int32_t p = from[static_cast<size_t>(axis)];
+        if (i == 3) {
+          const auto length = static_cast<int32_t>(std::sqrt(std::max(0.0, left)) + 0.5);
+          p = p < 0 ? -length : length;
+        }
+        v = clamped(p + clamped(signedNumber(normal_[i == 3], k - p)));
+        left -= static_cast<double>(v) * v;
+        storeLittle(out_ + cornerAt(c, 3 + axis), static_cast<float>(v / kNormalSteps));
+      }
+    }
+  }
+
+  // ---- bounds ----
+  static constexpr int kPlainOrder = 15;
+  // Of words that have one: how many bits are spare.
+  int spareBits(uint64_t at, uint64_t words) const {
+    int spare = 7;
+    for (uint64_t i = 0; i < words; ++i) {
+      const uint32_t v = wordAt(at + 4 * i);
+      if ((v & 0xFFFF) || v == 0x80000000u) return kPlainOrder;
+      if (v != 0) spare = std::min(spare, std::countr_zero(v) - 16);
+    }
+    return spare;
+  }
+  // Nothing: they were coded plain.
+  std::optional<Order> orderOf(uint64_t at, uint64_t words) {
+    const auto spare = static_cast<int>(coder_.plain(kEncodes ? static_cast<uint32_t>(spareBits(at, words)) : 0, 4));
+    if (spare <= 7) return Order{spare};
+    plainWords(at, words);
+    return std::nullopt;
+  }
+  void plainWords(uint64_t at, uint64_t words) {
+    for (uint64_t i = 0; i < words; ++i) word(at + 4 * i, [&](uint32_t v) { return coder_.plain(v, 32); });
+  }
+  static constexpr size_t kErrors = std::tuple_size_v<CoarseErrors>;
+  void errors() {
+    const auto order = orderOf(at_.errors, kErrors * patches_);
+    if (!order) return;
+    for (uint32_t p = 0; p < patches_; ++p) {
+      int32_t finer = 0;
+      size_t size = 0;  // of the step before
+      for (size_t k = kErrors; k-- > 0;) {
+        word(at_.errors + sizeof(CoarseErrors) * p + 4 * k, [&](uint32_t v) {
+          const int32_t step = limited(signedNumber(error_[k][size], order->of(v) - finer));
+          finer = std::clamp(finer + step, -order->most(), order->most());
+          const int bits = static_cast<int>(std::bit_width(static_cast<uint32_t>(std::abs(step)))) + order->spare;
+          size = finer == 0 ? 0 : static_cast<size_t>(1 + std::clamp(bits - 5, 0, 3));
+          return order->bits(finer);
+        });
+      }
+    }
+  }
+  // The least and the largest are often of one size, along u and v, too.
+  void slopes() {
+    const auto order = orderOf(at_.slopes, 4 * uint64_t{patches_});
+    if (!order) return;
+    std::array<int32_t, 4> slope{};
+    for (uint32_t p = 0; p < patches_; ++p) {
+      for (size_t k = 0; k < 4; ++k) {
+        word(at_.slopes + kBaseSlopesBytes * p + 4 * k, [&](uint32_t v) {
+          const int32_t from = k == 0 ? slope[0] : k == 2 ? slope[0] : -slope[k - 1];
+          slope[k] =
+              std::clamp(from + limited(signedNumber(slope_[k], order->of(v) - from)), -order->most(), order->most());
+          return order->bits(slope[k]);
+        });
+      }
+    }
+  }
+  static int32_t limited(int32_t step) { return std::clamp(step, -0x10000, 0x10000); }
+
+  // Shares in n-ths, rounded up, as bytes.
+  static uint32_t shareOf(uint32_t i, uint32_t n) { return (255 * i + n - 1) / n; }
+  static uint32_t stepOf(uint32_t byte, uint32_t n) { return byte * n / 255; }
+  bool allShares(uint64_t at, uint64_t bytes, uint32_t n) const {
+    for (uint64_t i = 0; i < bytes; ++i)
+      if (shareOf(stepOf(out_[at + i], n), n) != out_[at + i]) return false;
+    return true;
+  }
+  void plainBytes(uint64_t at, uint64_t bytes) {
+    for (uint64_t i = 0; i < bytes; ++i) byte(at + i, [&](uint32_t v) { return coder_.plain(v, 8); });
+  }
+
+  bool sameAll(const uint8_t* from, size_t n) const {
+    return std::all_of(from, from + n, [&](uint8_t v) { return v == from[0]; });
+  }
+  void blocks() {
+    constexpr uint32_t kSteps = 15;
+    if (!flag(kEncodes && allShares(at_.blocks, sizeof(CoarseBlocks) * patches_, kSteps)))
+      return plainBytes(at_.blocks, sizeof(CoarseBlocks) * patches_);
+    for (uint32_t p = 0; p < patches_; ++p) {
+      for (size_t grid = 0; grid < kBlockedGrids; ++grid) {
+        uint8_t* b = out_ + at_.blocks + sizeof(CoarseBlocks) * p + kFirstCoarseBlock[grid];
+        const size_t side = size_t{2} << grid;
+        const bool same = coder_.bit(same_[grid], sameAll(b, side * side));
+        if (same) {
+          const auto share = static_cast<uint8_t>(shareOf(symbol<4>(same_share_[grid], stepOf(b[0], kSteps)), kSteps));
+          std::fill_n(b, side * side, share);
+          continue;
+        }
+        for (size_t y = 0; y < side; ++y) {
+          for (size_t x = 0; x < side; ++x) {
+            const uint32_t left = x > 0 ? stepOf(b[y * side + x - 1], kSteps) : kSteps + 1,
+                           above = y > 0 ? stepOf(b[(y - 1) * side + x], kSteps) : kSteps + 1;
+            const uint32_t around = left > kSteps ? above : above > kSteps ? left : (left + above + 1) / 2;
+            uint8_t& v = b[y * side + x];
+            v = static_cast<uint8_t>(shareOf(symbol<4>(share_[grid][around], stepOf(v, kSteps)), kSteps));
+          }
+        }
+      }
+    }
+  }
+
+  // What a shape's part depends on: the same part of the shape before, and the part before of the same shape.
+  void shapes() {
+    constexpr uint32_t kSteps = 7;
+    if (!flag(kEncodes && allShares(at_.shapes, kBaseShapesBytes * patches_, kSteps)))
+      return plainBytes(at_.shapes, kBaseShapesBytes * patches_);
+    auto isUnknown = [](const uint8_t* s) { return std::all_of(s, s + 5, [](uint8_t v) { return v == 255; }); };
+    for (uint32_t p = 0; p < patches_; ++p) {
+      for (size_t grid = 0; grid < kFirstShapedBlock + kBlockedGrids; ++grid) {
+        const bool blocked = grid >= kFirstShapedBlock;
+        const size_t first = blocked ? kFirstShapedBlock + kFirstCoarseBlock[grid - kFirstShapedBlock] : grid;
+        const size_t side = blocked ? size_t{2} << (grid - kFirstShapedBlock) : 1;
+        uint8_t* s = out_ + at_.shapes + kBaseShapesBytes * p + 5 * first;
+        bool all_unknown = true;
+        if constexpr (kEncodes)
+          for (size_t i = 0; i < side * side; ++i) all_unknown = all_unknown && isUnknown(s + 5 * i);
+        if (coder_.bit(all_unknown_[grid][was_unknown_], all_unknown)) {
+          std::fill_n(s, 5 * side * side, uint8_t{255});
+          was_unknown_ = true;
+          continue;
+        }
+        was_unknown_ = false;
+        for (size_t i = 0; i < side * side; ++i) {
+          const uint8_t* left = i % side > 0 ? s + 5 * (i - 1) : i >= side ? s + 5 * (i - side) : nullptr;
+          uint8_t* own = s + 5 * i;
+          const size_t was = left ? isUnknown(left) : 2;
+          const bool unknown = coder_.bit(unknown_[was], isUnknown(own));
+          if (unknown) {
+            std::fill_n(own, 5, uint8_t{255});
+            continue;
+          }
+          for (size_t k = 0; k < 5; ++k) {
+            const size_t beside = left && was != 1 ? stepOf(left[k], kSteps) : 8,
+                         before = k > 0 ? stepOf(own[k - 1], kSteps) : 0;
+            own[k] = static_cast<uint8_t>(shareOf(symbol<3>(part_[k][before][beside], stepOf(own[k], kSteps)), kSteps));
+          }
+        }
+      }
+    }
+  }
+
+  static constexpr int32_t kMostSteps = kMostPositionSteps;
+  Coder& coder_;
+  uint8_t* out_;
+  uint32_t corners_, patches_;
+  bool depths_, damaged_ = false;
+  Places at_;
+  std::vector<uint32_t> first_, uses_;  // uses_[first_[c]] .. : the places, four a patch, that name corner c
+  std::array<std::array<std::array<BitModel, 64>, 2>, 4> rank_;
+  size_t last_new_ = 0;
+  std::array<NumberModels, 3> position_;
+  std::array<NumberModels, 2> normal_;
+  std::array<std::array<NumberModels, 5>, kErrors> error_;
+  std::array<NumberModels, 4> slope_;
+  std::array<BitModel, kBlockedGrids> same_;
+  std::array<std::array<BitModel, 16>, kBlockedGrids> same_share_;
+  std::array<std::array<std::array<BitModel, 16>, 17>, kBlockedGrids> share_;
+  std::array<std::array<BitModel, 2>, kFirstShapedBlock + kBlockedGrids> all_unknown_;
+  size_t was_unknown_ = 0;
+  std::array<BitModel, 3> unknown_;
+  std::array<std::array<std::array<std::array<BitModel, 8>, 9>, 8>, 5> part_;
+  std::array<BitModel, 256> depth_;
+};
+
+}  // namespace
+}  // namespace base_code
+
+std::vector<uint8_t> encodeBaseCode(std::span<const uint8_t> section, double step_mm) {
+  const auto corners = loadLittle<uint32_t>(section.data()), patches = loadLittle<uint32_t>(section.data() + 4);
+  const bool depths = section.size() != baseSectionBytes(corners, patches);
+  assert(!depths || section.size() == baseSectionBytes(corners, patches, BaseSectionEnd::kTextureDepths));
+  std::vector<uint8_t> copy(section.begin(), section.end()), out(4);
+  storeLittle(out.data(), corners);
+  base_code::EncodingCoder coder{RangeEncoder(out)};
+  const auto code =
+      std::make_unique<base_code::BaseCode<base_code::EncodingCoder>>(coder, copy, corners, patches, depths);
+  code->run(step_mm);
+  coder.rc.finish();
+  return out;
+}
+
+Result<std::vector<uint8_t>> decodeBaseCode(std::span<const uint8_t> code, uint32_t patches, BaseSectionEnd end) {
+  assert(end >= BaseSectionEnd::kShapes);
+  auto invalid = [](const std::string& message) {
+    return Error{ErrorKind::kInvalidData, "", "the base mesh is damaged: " + message,
+                 "rebuild the package, or get a whole copy", 0};
+  };
+  if (code.size() < kLeastCodedBaseBytes)
+    return invalid("expected at least 8 bytes, found " + std::to_string(code.size()));
+  const auto corners = loadLittle<uint32_t>(code.data());
+  if (corners > uint64_t{4} * patches)
+    return invalid("expected at most four corners a patch, found " + std::to_string(corners));
+  std::vector<uint8_t> section(baseSectionBytes(corners, patches, end));
+  storeLittle(section.data(), corners);
+  storeLittle(section.data() + 4, patches);
+  base_code::DecodingCoder coder{RangeDecoder(code.subspan(4))};
+  const auto decoder = std::make_unique<base_code::BaseCode<base_code::DecodingCoder>>(
+      coder, section, corners, patches, end == BaseSectionEnd::kTextureDepths);
+  if (!decoder->run(0) || !coder.rc.whole()) return invalid("its code is not one of so many patches");
+  return section;
+}
+
+Result<BaseSection> readBaseSection(const PackageHeader& header, std::span<const uint8_t> stored) {
+  const uint32_t patches = header.domain.patchCount();
+  if (!header.compact) return decodeBaseSection(stored, patches);
+  const BaseSectionEnd end = header.texture_depths ? BaseSectionEnd::kTextureDepths : BaseSectionEnd::kShapes;
+  auto section = header.coded_base ? decodeBaseCode(stored, patches, end) : unpackBaseSection(stored, patches, end);
+  if (!section) return section.error();
+  auto decoded = decodeBaseSection(*section, patches);
+  if (decoded) return decoded;
+  Error error = decoded.error();
+  error.offset = 0;  // it counts in what was unpacked
+  return error;
+}
+
+}  // namespace relievo
