@@ -60,8 +60,7 @@ class BakedPatches final : public PatchSource {
         format_(format) {
     base_.origin_mm *= mm_;
     for (BaseCorner& c : base_.corners)
-      for (int axis = 0; axis < 3; ++axis)
-        c.position_mm[axis] = onStep(c.position_mm[axis], step, step_mm_);
+      for (int axis = 0; axis < 3; ++axis) c.position_mm[axis] = onStep(c.position_mm[axis], step, step_mm_);
   }
   const BaseMesh& base() const override { return base_; }
   double baseStepMm() const override { return step_mm_; }

@@ -13,8 +13,8 @@
 #include "tests/fuzz/fuzz_file.h"
 #include "tests/fuzz/fuzz_packages.h"
 #include "texturing/codec/page_codec.h"
-#include "texturing/package/package.h"
 #include "texturing/package/base_code.h"
+#include "texturing/package/package.h"
 #include "texturing/package/package_layout.h"
 
 namespace relievo::fuzz {

@@ -430,8 +430,8 @@ TEST_F(MeshWatertight, WhatIsBrokenOnPurposeIsSeen) {
       engine->frame(frame * 0.016);
       compareShared(*engine, &total);
     }
-    // A GPU draws fifteen frames before the first page has come. Samples of one page a texel agree with each other: what
-    // shows the defect is pages of several depths side by side, while they come.
+    // A GPU draws fifteen frames before the first page has come. Samples of one page a texel agree with each other:
+    // what shows the defect is pages of several depths side by side, while they come.
     for (int frame = 0; frame < 200 && total.different == 0; ++frame) {
       if (frame % 20 == 0) engine->setCamera(frame == 0 ? first : randomCamera(mesh, random));
       std::this_thread::sleep_for(std::chrono::milliseconds(2));
