@@ -18,6 +18,7 @@
 #include "tools/output_files.h"
 #include "tools/report/machine.h"
 #include "tools/scene/scene_file.h"
+#include "tools/scene_path.h"
 
 namespace relievo {
 namespace {
@@ -25,7 +26,8 @@ namespace {
 constexpr int64_t kMostAccuracyPx = 4096;
 
 struct AccuracyOptions {
-  std::string file, folder, knobs, size, light = "-0.6,0.5,0.6", psnr = "35,40,45", frame_ms = "16.7,33.3";
+  std::string scene, path = "flights", file, folder, knobs, size, light = "-0.6,0.5,0.6", psnr = "35,40,45",
+                     frame_ms = "16.7,33.3";
   int views = 0, passes = 0, combinations = -1, workers = 2;
   uint32_t seed = 1;
   double memory_mib = 1024;
@@ -96,6 +98,7 @@ std::string commandLine(const AccuracyOptions& o) {
   if (o.quick) out += " --quick";
   if (!o.size.empty()) add("--size", o.size);
   if (!o.knobs.empty()) add("--knobs", o.knobs);
+  if (o.path != "flights") add("--path", o.path);
   if (o.views > 0) add("--views", std::to_string(o.views));
   if (o.passes > 0) add("--passes", std::to_string(o.passes));
   if (o.combinations >= 0) add("--combinations", std::to_string(o.combinations));
@@ -138,6 +141,13 @@ Result<void> accuracy(const AccuracyOptions& o) {
   auto package = Package::open(o.file);
   if (!package) return package.error();
   plan->package = *package;
+  if (o.path == "scene") {
+    if (o.scene.empty()) return usageError("--path scene needs a scene as FILE", "or give flights");
+    constexpr int kMoments = 96;  // of which views are drawn
+    auto cameras = scenePath(o.scene, (*package)->manifest(), kMoments, plan->width_px, plan->height_px);
+    if (!cameras) return cameras.error();
+    plan->cameras = std::move(*cameras);
+  }
   plan->knobs = accuracyKnobs((*package)->manifest(), o.quick);
   if (auto chosen = chooseKnobs(o.knobs, plan->knobs); !chosen) return chosen;
   std::error_code bad;
@@ -199,6 +209,11 @@ void addAccuracyCommand(CLI::App& app, CommandContext& context) {
   c->add_option("--knobs", o->knobs, "Knobs to turn, separated by commas; names are below [all]");
   c->add_option("--combinations", o->combinations, "Combinations to measure, at most [40; --quick: 8]")
       ->check(CLI::Range(0, 10000));
+  c->add_option(
+       "--path", o->path,
+       "Camera path: flights (around, over at a slant, close) or scene [flights; scene where FILE is one with a "
+       "camera_path]")
+      ->check(CLI::IsMember({"flights", "scene"}));
   c->add_option("--views", o->views, "Views of the camera path [6; --quick: 3]")->check(CLI::Range(1, 96));
   c->add_option("--passes", o->passes, "How often each setting flies the path, from a cold start [3; --quick: 2]")
       ->check(CLI::Range(1, 100));
@@ -220,7 +235,8 @@ void addAccuracyCommand(CLI::App& app, CommandContext& context) {
       if (!scene) return context.fail(scene.error());
       auto only = onlyArtwork(*scene, o->file);
       if (!only) return context.fail(only.error());
-      o->file = *only;
+      o->scene = std::exchange(o->file, *only);
+      if (!scene->animation.camera.empty() && c->count("--path") == 0) o->path = "scene";
       if (!scene->lights.empty() && c->count("--light") == 0)
         return context.fail(usageError("accuracy is measured under one white light, and the scene has others",
                                        "give one in their place with --light"));

@@ -28,6 +28,7 @@
 #include "tools/report/machine.h"
 #include "tools/scene/scene_file.h"
 #include "tools/scene/settings_file.h"
+#include "tools/scene_path.h"
 
 namespace relievo {
 namespace {
@@ -38,7 +39,7 @@ constexpr std::array kReportFiles{"frames.csv", "report.json", "report.html", "s
 
 struct CompareOptions {
   std::vector<std::string> merge;
-  std::string file, folder, path = "orbit", strategies, budgets, size, settings_file;
+  std::string scene, file, folder, path = "orbit", strategies, budgets, size, settings_file;
   int frames = 0, repeats = 0;
   double exaggerate = 1, memory_mib = 1024;
   bool quick = false;
@@ -72,7 +73,7 @@ Result<ComparePlan> planOf(const CompareOptions& o) {
                         "for example --error-px 0.5,1,2,4");
     plan.budgets_px.push_back(px);
   }
-  bool recorded = o.path == "orbit" || o.path == "flyover" || o.path == "zoom";
+  bool recorded = o.path == "orbit" || o.path == "flyover" || o.path == "zoom" || o.path == "scene";
   plan.frames = o.frames > 0 ? o.frames : o.quick ? 6 : recorded ? 24 : 0;
   plan.repeats = o.repeats > 0 ? o.repeats : o.quick ? 3 : 5;
   plan.repeat_s = o.quick ? 0.2 : 3;
@@ -232,8 +233,15 @@ Result<void> compare(const CompareOptions& o) {
                  "the artwork has no relief: there is no geometry to compare",
                  "build it with --relief",
                  {}};
-  if (auto cameras = compareCameras(plan->path, plan->frames, m, plan->width_px, plan->height_px); !cameras)
+  if (o.path == "scene") {
+    if (o.scene.empty()) return usageError("--path scene needs a scene as FILE", "or give orbit, flyover or zoom");
+    auto cameras = scenePath(o.scene, m, plan->frames, plan->width_px, plan->height_px);
+    if (!cameras) return cameras.error();
+    plan->cameras = std::move(*cameras);
+    plan->path = o.scene;
+  } else if (auto cameras = compareCameras(plan->path, plan->frames, m, plan->width_px, plan->height_px); !cameras) {
     return cameras.error();
+  }
   if (auto made = makeFolder(o.folder); !made) return made;
   auto origin = originOf(o, m);
   if (!origin) return origin.error();
@@ -310,8 +318,10 @@ void addCompareCommand(CLI::App& app, CommandContext& context) {
                 "In place of FILE: report.json files of earlier comparisons, of other artworks or machines, for one "
                 "report of all")
       ->expected(1, 1000);
-  c->add_option("--path", o->path, "Camera path: orbit, flyover, zoom or a FILE.json of cameras")
-      ->capture_default_str();
+  c->add_option(
+      "--path", o->path,
+      "Camera path: orbit, flyover, zoom, scene or a FILE.json of cameras [orbit; scene where FILE is one with a "
+      "camera_path]");
   c->add_option("--strategies", o->strategies, "Names, separated by commas [all]");
   c->add_option("--error-px", o->budgets, "Error budgets, px, separated by commas [0.5,1,2,4,8; --quick: 1,2,4]");
   c->add_option(
@@ -319,7 +329,8 @@ void addCompareCommand(CLI::App& app, CommandContext& context) {
       "JSON file of settings that relievo accuracy recommends: its error_px in place of [0.5,1,2,4,8], and its "
       "least_cell; the rest is not about geometry. --error-px wins");
   c->add_option("--frames", o->frames,
-                "Frames, at even distances along the path [24; --quick: 6, over a scan 4; of a file: all]")
+                "Frames, at even distances along the path, of a scene at even times [24; --quick: 6, over a scan 4; of "
+                "a file: all]")
       ->check(CLI::Range(1, 100000));
   c->add_option("--size", o->size, "Picture, WIDTHxHEIGHT in px [1280x720; --quick: 640x360]");
   c->add_option("--repeats", o->repeats,
@@ -337,9 +348,16 @@ void addCompareCommand(CLI::App& app, CommandContext& context) {
   c->add_flag("--quick", o->quick,
               "Fewer frames and budgets, a smaller picture: about four minutes for a 2048x2048 artwork where software "
               "draws, on two idle cores, of which half is the making of simplified meshes");
-  c->callback([o, &context] {
-    if (o->merge.empty() && !o->file.empty())
+  c->callback([o, c, &context] {
+    if (o->merge.empty() && !o->file.empty()) {
+      if (namesScene(o->file)) {
+        o->scene = o->file;
+        auto moves = hasCameraPath(o->scene);
+        if (!moves) return context.fail(moves.error());
+        if (*moves && c->count("--path") == 0) o->path = "scene";
+      }
       if (auto named = takeArtwork(o->file); !named) return context.fail(named.error());
+    }
     if (auto done = compare(*o); !done) context.fail(done.error());
   });
 }

@@ -292,7 +292,7 @@ void SceneOptions::addDiagnostics(CLI::App& c) {
       ->capture_default_str();
 }
 
-bool SceneOptions::given(const std::string& option) const { return command_->count(option) > 0; }
+bool SceneOptions::given(const std::string& option) const { return command_ && command_->count(option) > 0; }
 
 void SceneOptions::takeSettingsOf(const DrawSettings& settings) {
   auto take = [&](const char* option, const auto& from, auto& to) {

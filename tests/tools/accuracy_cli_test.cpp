@@ -31,6 +31,60 @@ class AccuracyCli : public Cli {
   }
 };
 
+TEST_F(AccuracyCli, AScenesCameraPathIsTaken) {
+  ASSERT_TRUE(makeSample());
+  auto scene = [&](const std::string& members) {
+    std::ofstream(file("turn.json")) << R"({"format": "relievo-scene", "version": 1, "artwork": "coin.relievo")"
+                                     << members << "}";
+    return file("turn.json");
+  };
+  constexpr const char* kTurn =
+      R"(, "camera": {"elevation_deg": 10, "distance_mm": 60},
+         "camera_path": [{"time_s": 0, "azimuth_deg": -30}, {"time_s": 2, "azimuth_deg": 30}])";
+  const std::string turn = scene(kTurn);
+  const Outcome r = relievo("accuracy " + turn + " --quick --size 96x64 --views 1 --passes 1 --knobs filter " +
+                            "--combinations 0 -o " + file("out"));
+  if (noGl(r)) GTEST_SKIP() << r.output;
+  ASSERT_EQ(r.exit_code, 0) << r.output;
+  const auto made = nlohmann::json::parse(textOf("out/accuracy.json"));
+  EXPECT_EQ(made["path"]["of"], "scene");
+  EXPECT_NE(made["command"].get<std::string>().find("--path scene"), std::string::npos);
+
+  // Two keys alone are a straight line: a quarter and three quarters of the way are the cameras of two frames.
+  std::ofstream(file("cameras.json")) << R"({"cameras": [
+      {"azimuth_deg": -15, "elevation_deg": 10, "distance_mm": 60}, {"azimuth_deg": 15, "elevation_deg": 10, "distance_mm": 60}]})";
+  std::ofstream(file("others.json")) << R"({"cameras": [
+      {"azimuth_deg": -30, "elevation_deg": 10, "distance_mm": 60}, {"azimuth_deg": 30, "elevation_deg": 10, "distance_mm": 60}]})";
+  auto compared = [&](const std::string& what) {
+    const Outcome c =
+        relievo("compare " + what + " --quick --size 96x64 --frames 2 --strategies edge-lod --error-px 0.5 -o " +
+                file("compared"));
+    EXPECT_EQ(c.exit_code, 0) << c.output;
+    std::vector<std::string> figures;
+    if (c.exit_code != 0) return figures;
+    const auto report = nlohmann::json::parse(textOf("compared/report.json"));
+    for (const auto& f : report["runs"][0]["frames"])
+      figures.push_back(f["triangles"].dump() + " " + f["max_px"].dump() + " " + f["p99_px"].dump());
+    return figures;
+  };
+  const auto along = compared(turn);
+  EXPECT_NE(textOf("compared/report.html").find("turn.json"), std::string::npos);
+  EXPECT_EQ(along.size(), 2u);
+  EXPECT_EQ(along, compared(file("coin.relievo") + " --path " + file("cameras.json")));
+  EXPECT_NE(along, compared(file("coin.relievo") + " --path " + file("others.json"))) << "control: other cameras";
+
+  auto refused = [&](const std::string& what) {
+    const Outcome none = relievo("compare " + what + " -o " + file("no"));
+    EXPECT_EQ(none.exit_code, 1) << none.output;
+    return none.output;
+  };
+  EXPECT_NE(refused(file("coin.relievo") + " --path scene").find("--path scene needs a scene as FILE"),
+            std::string::npos);
+  EXPECT_NE(refused(scene("") + " --path scene").find("has no \"camera_path\""), std::string::npos);
+  EXPECT_NE(refused(scene(std::string(kTurn) + R"(, "pose": {"rotate_deg": [0, 0, 90]})")).find("the scene has a pose"),
+            std::string::npos);
+}
+
 TEST_F(AccuracyCli, QuickMeasuresAndRecommends) {
   ASSERT_TRUE(makeSample());
   const Outcome r = relievo("accuracy " + file("coin.relievo") +
@@ -54,6 +108,7 @@ TEST_F(AccuracyCli, QuickMeasuresAndRecommends) {
                           [](const auto& k) { return k["measured"].template get<bool>(); }),
             2);
   for (const auto& k : json["knobs"]) EXPECT_EQ(k["measured"].get<bool>(), k["why_not"].is_null()) << k["name"];
+  EXPECT_EQ(json["path"]["of"], "flights");
   // Its files are settings of the other commands.
   const std::string fine = "--settings " + file("out/settings-100000-ms.json");
   EXPECT_GE(predictedPx(fine), 0);

@@ -64,8 +64,9 @@ std::string heading(const AccuracyPlan& plan, const AccuracyResult& r, const Acc
     out += "<dt>" + std::string(what) + "</dt><dd>" + escapedHtml(text) + "</dd>\n";
   };
   std::string path;
-  appendf(path, "%zu views of %d x %d px, drawn with seed %u from three flights: around, over at a slant, close",
-          r.cameras.size(), plan.width_px, plan.height_px, plan.seed);
+  appendf(path, "%zu views of %d x %d px, drawn with seed %u from %s", r.cameras.size(), plan.width_px, plan.height_px,
+          plan.seed,
+          plan.cameras.empty() ? "three flights: around, over at a slant, close" : "the scene's camera path");
   term("Command", made.command);
   term("Date", made.date);
   term("Processor", made.cpu);

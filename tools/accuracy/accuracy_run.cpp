@@ -230,19 +230,23 @@ Spread spreadOf(std::vector<double> values) {
 
 Result<std::vector<CompareCamera>> accuracyPath(const AccuracyPlan& plan) {
   std::vector<std::vector<CompareCamera>> flights;
-  for (const char* name : {"orbit", "flyover", "zoom"}) {
-    auto flight = compareCameras(name, kMoments, plan.package->manifest(), plan.width_px, plan.height_px);
-    if (!flight) return flight.error();
-    flights.push_back(std::move(*flight));
+  if (!plan.cameras.empty()) {
+    flights.push_back(plan.cameras);
+  } else {
+    for (const char* name : {"orbit", "flyover", "zoom"}) {
+      auto flight = compareCameras(name, kMoments, plan.package->manifest(), plan.width_px, plan.height_px);
+      if (!flight) return flight.error();
+      flights.push_back(std::move(*flight));
+    }
   }
   std::mt19937 random(plan.seed);
   std::vector<CompareCamera> out;
-  const int a_flight = (plan.views + 2) / 3;
+  const int ways = static_cast<int>(flights.size()), a_flight = (plan.views + ways - 1) / ways;
   for (int v = 0; v < plan.views; ++v) {
     // One of each of as many even parts of the flight as it has views.
-    const auto& flight = flights[static_cast<size_t>(v % 3)];
+    const auto& flight = flights[static_cast<size_t>(v % ways)];
     const size_t part = flight.size() / static_cast<size_t>(a_flight);
-    out.push_back(flight[static_cast<size_t>(v / 3) * part + random() % part]);
+    out.push_back(flight[static_cast<size_t>(v / ways) * part + random() % part]);
   }
   return out;
 }

@@ -2,10 +2,10 @@
 // against the truth (truth.h): figures, for the reports. Needs a current GL context.
 //
 // The path has views of three flights in turn: around the artwork, over it at a slant, and close to it
-// (tools/compare/compare_path.h). Which moments of the flights they are is drawn by the seed. Before each view the
-// camera comes along the flight's direction for some frames, 0.15 s of the flight each, which at 60 frames/s is nine
-// times its speed: these are the moving ones, and pages are late in them where settings let them be. Then the view
-// settles, and stands still.
+// (tools/compare/compare_path.h); or of the cameras that it is given. Which moments of the flights they are is drawn by
+// the seed. Before each view the camera comes along the flight's direction for some frames, 0.15 s of the flight each,
+// which at 60 frames/s is nine times its speed: these are the moving ones, and pages are late in them where settings
+// let them be. Then the view settles, and stands still.
 #pragma once
 
 #include <functional>
@@ -24,6 +24,7 @@ struct AccuracyPlan {
   std::array<double, 3> light{-0.6, 0.5, 0.6};
   uint32_t seed = 1;
   int views = 6;
+  std::vector<CompareCamera> cameras;  // of a path in the place of the flights, at even times; usually empty
   int width_px = 1280, height_px = 720;
   int moving_frames = 12, still_frames = 9;  // timed, a view
   int passes = 3;       // rounds over all settings: each flies the path once, with an engine of its own

@@ -278,7 +278,9 @@ class Runner {
 }  // namespace
 
 Result<CompareFigures> runCompare(const ComparePlan& plan, const gl::ContextInfo& context) {
-  auto cameras = compareCameras(plan.path, plan.frames, plan.package->manifest(), plan.width_px, plan.height_px);
+  Result<std::vector<CompareCamera>> cameras = plan.cameras;
+  if (plan.cameras.empty())
+    cameras = compareCameras(plan.path, plan.frames, plan.package->manifest(), plan.width_px, plan.height_px);
   if (!cameras) return cameras.error();
   std::unique_ptr<StrategyPass> pass;
   auto scene = loadCompareScene(plan.package, plan.memory_bytes, context.api, &pass, plan.interrupted);

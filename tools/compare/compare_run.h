@@ -11,6 +11,7 @@
 #include "src/gl/context.h"
 #include "texturing/package/package.h"
 #include "tools/compare/compare_measure.h"
+#include "tools/compare/compare_path.h"
 
 namespace relievo {
 
@@ -23,6 +24,7 @@ struct ComparePlan {
   CompareOrigin origin;
   std::shared_ptr<const Package> package;
   std::string path = "orbit";
+  std::vector<CompareCamera> cameras;  // in the path's place, which is then a name for people; usually empty
   std::vector<const StrategyEntry*> strategies;
   std::vector<double> budgets_px;
   int frames = 24;
