@@ -121,6 +121,7 @@ struct BaseMeshBuilder {
   double crease_length_per_node = 0;  // findFeatureCurves()
   bool follow_folds = false;          // SimplifyOptions
   const std::atomic<bool>* interrupted;
+  int workers;
 
   // A grid over a four-sided sheet; empty if the scan is none, or its border deviates from the grid too far.
   Candidate makeSheet(uint32_t patches) const {
@@ -201,7 +202,7 @@ struct BaseMeshBuilder {
   // there.
   void evaluate(Candidate& c, std::vector<float>& weight, bool detailed) const {
     const size_t cells = detailed ? std::max(kEvaluationCells, 40 * c.quads.n_faces()) : kEvaluationCells;
-    const Fit fit = measureFit(c.quads, surface, scan, cells, detailed);
+    const Fit fit = measureFit(c.quads, surface, scan, cells, detailed, workers);
     for (const auto v : c.quads.vertices()) {
       c.folded += isFolded(c.quads, v);
       c.flat += v.is_boundary() && !c.quads.data(v).fixed && minSine(c.quads, v) < kFlatSine;
@@ -423,7 +424,7 @@ double creaseLengthPerNode(double area, uint32_t patches) {
 
 // reduced_scan must outlive the result and not move.
 Result<BaseMeshBuilder> builderOf(ReducedScan& reduced_scan, size_t scan_vertices, uint32_t max_patches,
-                                  const std::atomic<bool>* interrupted) {
+                                  const std::atomic<bool>* interrupted, int workers) {
   auto scene = RayScene::create(reduced_scan.triangles, interrupted);
   if (!scene) return scene.error();
   reduced_scan.scene = std::move(*scene);
@@ -433,7 +434,8 @@ Result<BaseMeshBuilder> builderOf(ReducedScan& reduced_scan, size_t scan_vertice
                           .scan = {reduced_scan.triangles, *reduced_scan.scene},
                           .view_direction = reduced_scan.view_direction,
                           .scan_vertices = scan_vertices,
-                          .interrupted = interrupted};
+                          .interrupted = interrupted,
+                          .workers = workers};
   builder.crease_length_per_node = creaseLengthPerNode(builder.area, max_patches);
   builder.curves = findFeatureCurves(reduced_scan.borders, reduced_scan.reduced.vertex, builder.crease_length_per_node,
                                      builder.surface);
@@ -465,8 +467,8 @@ struct BaseDomain::Impl {
     auto made = reduceScan(mesh, options, target_triangles, patches, known);
     if (!made) return made.error();
     auto next = std::make_unique<ReducedScan>(std::move(*made));
-    auto made_builder =
-        builderOf(*next, mesh.positions_mm.size(), std::max(patches, std::end(kPatchCounts)[-1]), options.interrupted);
+    auto made_builder = builderOf(*next, mesh.positions_mm.size(), std::max(patches, std::end(kPatchCounts)[-1]),
+                                  options.interrupted, options.workers);
     if (!made_builder) return made_builder.error();
     // Transfer the weights found so far to the new surface.
     std::vector<float> moved(next->triangles.positions_mm.size(), 1.0f);
@@ -486,7 +488,7 @@ struct BaseDomain::Impl {
   }
   // Finds the creases that smaller patches can follow.
   Result<void> findMoreCreases(uint32_t patches) {
-    auto made = builderOf(*reduced_scan, mesh.positions_mm.size(), patches, options.interrupted);
+    auto made = builderOf(*reduced_scan, mesh.positions_mm.size(), patches, options.interrupted, options.workers);
     if (!made) return made.error();
     builder.emplace(std::move(*made));
     return {};
