@@ -17,29 +17,25 @@ namespace relievo {
 MeasuredSurface::MeasuredSurface(const MeshBake& baked, double tolerance_mm, int workers,
                                  const std::atomic<bool>* interrupted)
     : baked_(baked), workers_(workers), interrupted_(interrupted) {
-  // A grid that has all samples says the same as the finest where what it leaves out decides about no block.
-  constexpr double kLeftOut = 0.05;
+  // A grid that has all samples, and leaves out so small a share of the tolerance, stands for the finest: what it
+  // leaves out is taken off the tolerance.
+  constexpr double kLeftOut = 0.25;
   blocks_.resize(baked.base().patches.size());
   triangles_.resize(blocks_.size());
   struct Scratch {
-    std::vector<SurfaceGrid> finest;  // by cells_log2
+    std::vector<SurfaceGrid> grids;  // by cells_log2
     GridErrorScratch errors;
-    std::vector<std::vector<uint8_t>> within, surely;
+    std::vector<std::vector<uint8_t>> within;
   };
   parallelForWith(
       blocks_.size(), workers, interrupted, [&] { return Scratch{}; },
       [&](Scratch& s, size_t patch) {
         const BetweenSamples between = baked_.betweenSamples(static_cast<uint32_t>(patch));
-        auto lookAt = [&](int log2) {
-          for (int k = static_cast<int>(s.finest.size()); k <= log2; ++k) s.finest.emplace_back(k);
-          SurfaceGrid& finest = s.finest[static_cast<size_t>(log2)];
-          baked_.surface(static_cast<uint32_t>(patch), finest);
-          blocksWithin(finest, tolerance_mm, s.errors, s.within);
-          if (log2 == between.finest_log2) return true;
-          blocksWithin(finest, tolerance_mm - between.mm(log2), s.errors, s.surely);
-          return s.within == s.surely;
-        };
-        if (!lookAt(between.coarsestWithin(kLeftOut * tolerance_mm))) lookAt(between.finest_log2);
+        const int log2 = between.coarsestWithin(kLeftOut * tolerance_mm);
+        for (int k = static_cast<int>(s.grids.size()); k <= log2; ++k) s.grids.emplace_back(k);
+        SurfaceGrid& grid = s.grids[static_cast<size_t>(log2)];
+        baked_.surface(static_cast<uint32_t>(patch), grid);
+        blocksWithin(grid, tolerance_mm - between.mm(log2), s.errors, s.within);
         blocks_[patch] = blocksOf(s.within);
         for (const Block& b : blocks_[patch]) triangles_[patch] += uint64_t{2} * b.cells * b.cells;
       });
