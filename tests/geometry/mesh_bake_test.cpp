@@ -210,6 +210,44 @@ TEST(MeshBake, steppedHeightsLieWithinHalfAStepOfWhatWasBaked) {
   }
 }
 
+// By how much steps move heights: of the finest heights themselves, each as heavy as its part of the patch's area.
+TEST(MeshBake, stepsMoveHeightsByWhatIsSaid) {
+  const TriMesh mesh =
+      starMesh([](const glm::dvec3& d) { return 10 + 0.4 * std::sin(17 * d.x) * std::cos(15 * d.y + 3 * d.z); }, 60);
+  BaseMesh base = sphereBase(10, 2);
+  base.corners[base.patches[0][0]].position_mm *= 0.8f;  // patches of different areas
+  for (const int cells_log2 : {5, 7}) {
+    auto baked = bake(mesh, base, {.cells_log2 = cells_log2});
+    ASSERT_TRUE(baked);
+    std::vector<Heights> exact;
+    for (uint32_t p = 0; p < base.patches.size(); ++p) exact.push_back(heightsOf(*baked, p));
+    EXPECT_EQ(baked->stepChangeMm(), 0) << "none yet";
+    double before = 0;
+    for (const int step : {300, 3000}) {
+      ASSERT_TRUE(baked->setStep((step + 0.5) * baked->reliefScaleMm()));
+      double sum = 0, area = 0;
+      for (uint32_t p = 0; p < base.patches.size(); ++p) {
+        const Heights q = heightsOf(*baked, p);
+        std::array<glm::dvec3, 4> c;
+        for (size_t k = 0; k < 4; ++k) c[k] = glm::dvec3(base.corners[base.patches[p][k]].position_mm);
+        const double of_patch = glm::length(glm::cross(c[1] - c[0], c[2] - c[0])) / 2 +
+                                glm::length(glm::cross(c[1] - c[3], c[2] - c[3])) / 2;
+        double squares = 0;
+        for (size_t i = 0; i < q.size(); ++i) squares += std::pow(int{q[i]} - int{exact[p][i]}, 2);
+        sum += of_patch * squares / static_cast<double>(q.size());
+        area += of_patch;
+      }
+      const double rms = baked->reliefScaleMm() * std::sqrt(sum / area);
+      // At 128 cells heights are the samples: between them what is linear is less, by up to a third of the noise.
+      const double least = cells_log2 == 7 ? std::sqrt(0.3) * rms : 0.9 * rms, most = 1.1 * rms;
+      EXPECT_GE(baked->stepChangeMm(), least);
+      EXPECT_LE(baked->stepChangeMm(), most);
+      EXPECT_GT(baked->stepChangeMm(), 3 * before) << "more with larger steps";
+      before = baked->stepChangeMm();
+    }
+  }
+}
+
 TEST(MeshBake, errorsFoundLaterAreTheSame) {
   const TriMesh mesh = starMesh([](const glm::dvec3& d) { return 10 + 0.4 * std::sin(17 * d.x); }, 30);
   const BaseMesh base = sphereBase(10, 1);
