@@ -108,6 +108,7 @@ bool isSet(const std::atomic<bool>* interrupted) { return interrupted && interru
 
 struct BaseMeshBuilder {
   TriangleMesh surface;
+  RegionTables tables;  // of the surface
   size_t pieces;
   double area;
   ScanSurface scan;
@@ -133,11 +134,11 @@ struct BaseMeshBuilder {
     for (uint32_t tries = 0; tries < 4; ++tries, multiple *= 2) {
       Candidate c{.quads = sheetQuads(curves, pieces, scan, patches, multiple)};
       if (c.empty()) break;
-      c.regions = cornerRegions(c.quads, surface, scan);
+      c.regions = cornerRegions(c.quads, tables, scan);
       if (isRelief(view_direction)) {
         for (const auto v : c.quads.vertices()) c.quads.set_normal(v, view_direction.direction);
       } else {
-        assignNormals(c.quads, surface, c.regions, scan);
+        assignNormals(c.quads, tables, c.regions, scan);
       }
       c.deviation = borderDeviation(c.quads, curves, allowed_deviation);
       if (c.deviation <= 0) return c;
@@ -178,10 +179,10 @@ struct BaseMeshBuilder {
       if (isSet(interrupted)) return {};
       if (round) relaxQuads(c.quads, curves, scan, 8);
       if (round == 3) fitBorderCorners(c.quads, curves, allowed_deviation);
-      c.regions = cornerRegions(c.quads, surface, scan);
-      placeCorners(c.quads, surface, c.regions, scan);
+      c.regions = cornerRegions(c.quads, tables, scan);
+      placeCorners(c.quads, tables, c.regions, scan);
     }
-    assignNormals(c.quads, surface, c.regions, scan);
+    assignNormals(c.quads, tables, c.regions, scan);
     untangleQuads(c.quads, curves, scan);
     return c;
   }
@@ -428,7 +429,10 @@ Result<BaseMeshBuilder> builderOf(ReducedScan& reduced_scan, size_t scan_vertice
   auto scene = RayScene::create(reduced_scan.triangles, interrupted);
   if (!scene) return scene.error();
   reduced_scan.scene = std::move(*scene);
-  BaseMeshBuilder builder{.surface = halfEdgeMeshOf(reduced_scan.reduced.surface),
+  TriangleMesh half_edges = halfEdgeMeshOf(reduced_scan.reduced.surface);
+  RegionTables tables(half_edges);
+  BaseMeshBuilder builder{.surface = std::move(half_edges),
+                          .tables = std::move(tables),
                           .pieces = reduced_scan.reduced.surface.pieces.size(),
                           .area = areaOf(reduced_scan.reduced.surface),
                           .scan = {reduced_scan.triangles, *reduced_scan.scene},
@@ -587,7 +591,7 @@ Result<Candidate> BaseDomain::Impl::bestOfTries(uint32_t patches, uint32_t max_p
 // The number of patches at which those where the factor is 1 keep their size.
 uint32_t BaseDomain::Impl::patchCountFor(const std::vector<float>& factor) const {
   const auto& quads = last.quads;
-  const Regions regions = last.regions.empty() ? cornerRegions(quads, builder->surface, builder->scan) : last.regions;
+  const Regions regions = last.regions.empty() ? cornerRegions(quads, builder->tables, builder->scan) : last.regions;
   std::vector<double> finer(quads.n_vertices(), 0), count(quads.n_vertices(), 0);
   for (size_t v = 0; v < factor.size(); ++v) {
     if (!regions[v].is_valid()) continue;
