@@ -708,8 +708,10 @@ Result<void> MeshBuild::chooseStep() {
     return bake_->stepChangeMm();
   };
   return stages_.run("bake", [&]() -> Result<void> {
+    auto few = at_few_places_ ? Result<Fidelity>(fidelity_) : measureBake(*bake_, 0, Places::kFew);
+    if (!few) return few.error();
     auto chosen = chooseStepFor(
-        fidelity_, kTries, change, [&] { return measureBake(*bake_, 0, Places::kFew); },
+        fidelity_, *few, kTries, change, [&] { return measureBake(*bake_, 0, Places::kFew); },
         [&] { return measureBake(*bake_); });
     if (!chosen) return chosen.error();
     if (set != chosen->step_mm)

@@ -407,7 +407,7 @@ void chooseTextureResolution(const BakeContext& context, int requested_depth, Ba
   }
   // Vertex colours are linear over the scan's triangles, so that a grid somewhat finer than these captures them. If it
   // is hardly finer, creases show; a quarter of a million samples take a tenth of a second.
-  double grid_points = std::max(2 * vertices, std::min(8 * vertices, 262'144.0));
+  double grid_points = std::max(2 * vertices, std::min(4 * vertices, 262'144.0));
   if (texture.palette) grid_points *= 4;  // no cell's corners show a triangle that lies between them
   const int texels_log2 = kPageCellsLog2 + depth;
   texture.sample_grid_log2 = 1;

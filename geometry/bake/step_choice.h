@@ -77,13 +77,14 @@ class StepSolver {
   std::vector<Found> known_;
 };
 
-// exact: of the heights as they were baked; maybe at few places. tries: measurements at all places, at most.
+// exact: of the heights as they were baked; exact_at_few: at few places, maybe the same. tries: measurements at all
+// places, at most.
 // change(step) sets steps, and answers by how much they moved the heights; measureFew() and measure() measure what is
 // set, at few places and at all of them. What is set last need not be the choice. All may answer with an error, which
 // is handed on.
 template <class Change, class MeasureFew, class Measure>
-Result<StepChoice> chooseStepFor(const Fidelity& exact, int tries, Change change, MeasureFew measureFew,
-                                 Measure measure) {
+Result<StepChoice> chooseStepFor(const Fidelity& exact, const Fidelity& exact_at_few, int tries, Change change,
+                                 MeasureFew measureFew, Measure measure) {
   // Steps of s move heights by some s/6: less than s/sqrt(12), as most heights are what the coarser grid shows. kMargin
   // leaves room for another choice of samples; more than kNear of the target is near enough.
   constexpr double kNoise = 0.165, kSmaller = 0.9, kMargin = 0.95, kNear = 0.92, kLeast = 0.3, kMost = 8,
@@ -96,7 +97,9 @@ Result<StepChoice> chooseStepFor(const Fidelity& exact, int tries, Change change
     constexpr double kHardly = 1.1;
     return exact.kept() ? f.kept() : f.excess() <= kHardly * exact.excess() && rmsOf(f) <= most;
   };
-  auto addedBy = [&](const Fidelity& f) { return std::sqrt(std::max(0.0, rmsOf(f) * rmsOf(f) - rms * rms)); };
+  auto added = [&](const Fidelity& to, const Fidelity& by) {
+    return std::sqrt(std::max(0.0, rmsOf(by) * rmsOf(by) - rmsOf(to) * rmsOf(to)));
+  };
   StepSolver<Change> solver(change, kMost * target);
   StepChoice chosen;
   double below = std::numeric_limits<double>::infinity();
@@ -109,7 +112,8 @@ Result<StepChoice> chooseStepFor(const Fidelity& exact, int tries, Change change
     if (guess <= kLeast * target || (chosen.step_mm > 0 && guess < kWorthwhile * chosen.step_mm)) break;
     Result<Fidelity> now = i == 0 ? measureFew() : measure();
     if (!now) return now.error();
-    if (const double added = addedBy(*now); added > 0) per_move = std::clamp(added / found->moved_mm, 0.5, 2.0);
+    if (const double by_steps = added(i == 0 ? exact_at_few : exact, *now); by_steps > 0)
+      per_move = std::clamp(by_steps / found->moved_mm, 0.5, 2.0);
     if (i == 0) continue;
     if (!keeps(*now)) {
       below = kSmaller * guess;

@@ -37,7 +37,7 @@ Outcome outcomeOf(const Scan& scan, int tries = 4) {
   double move = 0;
   auto rms = [&] { return std::hypot(scan.missed, scan.per_move * move); };
   auto chosen = chooseStepFor(
-      scan.found(0, scan.missed), tries,
+      scan.found(0, scan.missed), with(scan.few * scan.missed), tries,
       [&](double step) -> Result<double> {
         out.last_set = step;
         return move = scan.moved(step);
@@ -142,7 +142,8 @@ TEST(StepChoice, errorsAreHandedOn) {
       return value;
     };
     auto chosen = chooseStepFor(
-        with(0.5 * kTarget), 4, [&](double step) { return at == 0 ? next(step / 6) : Result<double>(step / 6); },
+        with(0.5 * kTarget), with(0.5 * kTarget), 4,
+        [&](double step) { return at == 0 ? next(step / 6) : Result<double>(step / 6); },
         [&] { return at == 1 ? (calls = 1, next(with(0.9 * kTarget))) : Result<Fidelity>(with(0.9 * kTarget)); },
         [&] { return at == 2 ? (calls = 2, next(with(0.9 * kTarget))) : Result<Fidelity>(with(0.9 * kTarget)); });
     ASSERT_FALSE(chosen.ok()) << at;
