@@ -15,8 +15,8 @@ namespace {
 
 constexpr int kMaxAutoCellsLog2 = 10;
 constexpr uint64_t kMaxSamples = uint64_t{1} << 32;
-// Numbers of lines: below the first, tracing takes seconds; above the second, minutes.
-constexpr double kCheapLines = 1 << 23, kMaxLines = 1 << 26;
+// Numbers of lines: below the first, tracing takes a second; above the second, minutes.
+constexpr double kCheapLines = 1 << 22, kMaxLines = 1 << 26;
 
 class HeightSearch {
  public:
