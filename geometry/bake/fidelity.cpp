@@ -29,19 +29,32 @@ struct Samples {
 };
 
 // Lowers the distances of the samples [first, end) to those of a surface, which lies within the box. distance: as
-// closestByBoxes() has it.
+// closestByBoxes() has it. Distances of at most `enough` need not be lowered.
 template <class Distance>
-void updateDistances(Samples& s, size_t first, size_t end, const Box* box, const glm::dvec3& shift,
+void updateDistances(Samples& s, size_t first, size_t end, const Box* box, const glm::dvec3& shift, double enough,
                      const FidelityOptions& options, Distance distance) {
   constexpr size_t kSamplesPerJob = 1024;
+  // Samples beside one another are about as far away: a search that knows how far it need go is half as long.
+  constexpr double kLikely = 4, kAtLeast = 1e-6;
+  constexpr double kFar = std::numeric_limits<double>::infinity();
   parallelFor(
       (end - first + kSamplesPerJob - 1) / kSamplesPerJob, options.workers, options.interrupted, [&](size_t job) {
         size_t last = kNoPart;
+        double likely = kFar;
         for (size_t i = first + job * kSamplesPerJob; i < std::min(end, first + (job + 1) * kSamplesPerJob); ++i) {
           const glm::dvec3 p = s.positions[i] + shift;
           const double nearest = s.distances_mm[i];
+          if (nearest <= enough) continue;
           if (box && !std::isinf(nearest) && box->squaredDistance(p) > nearest * nearest) continue;
-          s.distances_mm[i] = std::min(s.distances_mm[i], static_cast<float>(distance(p, nearest, last)));
+          double found = kFar;
+          if (likely < nearest) {
+            size_t part = kNoPart;
+            found = distance(p, likely, part);
+            if (part != kNoPart) last = part;
+          }
+          if (found == kFar) found = distance(p, nearest, last);
+          likely = std::max(kLikely * found, kAtLeast * (std::abs(p.x) + std::abs(p.y) + std::abs(p.z)));
+          s.distances_mm[i] = std::min(s.distances_mm[i], static_cast<float>(found));
         }
       });
 }
@@ -209,7 +222,7 @@ Result<Fidelity> measureOnGrids(double grid_tolerance_mm, const FidelityScan& sc
   bool whole = forEachPart(surface, options.memory_bytes, kept, [&](const MeasuredSurface::Part& part) {
     if (stopped()) return false;
     area = part.areaAfter();
-    updateDistances(scan_samples, 0, area_samples, &part.box(), shift, options,
+    updateDistances(scan_samples, 0, area_samples, &part.box(), shift, kNeverEnough, options,
                     [&](const glm::dvec3& p, double within, size_t& row) { return part.distance(p, within, row); });
     return !stopped();
   });
@@ -224,10 +237,9 @@ Result<Fidelity> measureOnGrids(double grid_tolerance_mm, const FidelityScan& sc
     if (stopped()) return false;
     if (area > 0)
       MeasuredSurface::addSamples(part, area, scan.samples(), -shift, options.workers, drawn_samples.positions);
-    updateDistances(scan_samples, area_samples, all_samples, &part.box(), shift, options,
-                    [&](const glm::dvec3& p, double within, size_t& row) {
-                      return within <= enough ? within : part.distance(p, within, row, enough);
-                    });
+    updateDistances(
+        scan_samples, area_samples, all_samples, &part.box(), shift, enough, options,
+        [&](const glm::dvec3& p, double within, size_t& row) { return part.distance(p, within, row, enough); });
     return !stopped();
   });
   if (!whole) return interrupted;
@@ -235,7 +247,7 @@ Result<Fidelity> measureOnGrids(double grid_tolerance_mm, const FidelityScan& sc
   drawn_samples.area_samples = drawn_samples.positions.size();
   drawn_samples.distances_mm.assign(drawn_samples.positions.size(), kFar);
   updateDistances(
-      drawn_samples, 0, drawn_samples.positions.size(), nullptr, glm::dvec3(0), options,
+      drawn_samples, 0, drawn_samples.positions.size(), nullptr, glm::dvec3(0), kNeverEnough, options,
       [&](const glm::dvec3& p, double within, size_t& part) { return scan.search().distance(p, within, part); });
   if (stopped()) return interrupted;
   out.to_scan = summariseArea(drawn_samples, target, from);

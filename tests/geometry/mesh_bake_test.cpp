@@ -210,6 +210,53 @@ TEST(MeshBake, steppedHeightsLieWithinHalfAStepOfWhatWasBaked) {
   }
 }
 
+// Lines that are intersected together find what each finds alone, though one tells the next how far the scan is.
+TEST(BakeContext, LinesTogetherMeetWhatTheyMeetEachAlone) {
+  // Two waves, one above the other: lines from between them meet the upper one, and may touch the lower one.
+  TriMesh mesh;
+  constexpr uint32_t kSide = 60;
+  for (int sheet = 0; sheet < 2; ++sheet) {
+    const auto first = static_cast<uint32_t>(mesh.positions_mm.size());
+    for (uint32_t y = 0; y <= kSide; ++y)
+      for (uint32_t x = 0; x <= kSide; ++x)
+        mesh.positions_mm.push_back(glm::vec3(x, y, 6.0 * sheet + std::sin(0.3 * x) * std::cos(0.2 * y)));
+    for (uint32_t y = 0; y < kSide; ++y)
+      for (uint32_t x = 0; x < kSide; ++x) {
+        const uint32_t a = first + y * (kSide + 1) + x, b = a + kSide + 1;
+        mesh.triangles.push_back({a, a + 1, b + 1});
+        mesh.triangles.push_back({a, b + 1, b});
+      }
+  }
+  auto scene = makeBakeScene(mesh, {});
+  ASSERT_TRUE(scene.ok());
+  const BaseMesh base = sphereBase(10, 1);
+  BakeContext context(mesh, base);
+  context.scene = scene->rays;
+  context.normals = scene->normals;
+  context.prefer_touching = true;
+  LineBatch together;
+  for (uint32_t i = 0; i < 4000; ++i) {
+    // A tenth of a cell apart; some begin on the lower wave, most above it.
+    const double x = 5 + 0.1 * (i % 400), y = 5 + 4.3 * (i / 400);
+    const double lower = std::sin(0.3 * x) * std::cos(0.2 * y);
+    together.add({{x, y, lower + 0.15 + 0.45 * std::sin(0.05 * i)}, {0, 0, 1}, 12}, 0, 0, 0);
+  }
+  const std::vector<Line> lines = together.lines;
+  context.intersect(together);
+  ASSERT_EQ(together.hits.size(), lines.size());
+  size_t touched = 0, far = 0;
+  for (size_t i = 0; i < lines.size(); ++i) {
+    LineBatch alone;
+    alone.add(lines[i], 0, 0, 0);
+    context.intersect(alone);
+    ASSERT_EQ(together.hits[i].triangle, alone.hits[0].triangle) << i;
+    ASSERT_EQ(together.hits[i].along, alone.hits[0].along) << i;
+    (std::abs(alone.hits[0].along) < 1 ? touched : far) += 1;
+  }
+  EXPECT_GT(touched, lines.size() / 20);
+  EXPECT_GT(far, 0u);
+}
+
 // By how much steps move heights: of the finest heights themselves, each as heavy as its part of the patch's area.
 TEST(MeshBake, stepsMoveHeightsByWhatIsSaid) {
   const TriMesh mesh =
