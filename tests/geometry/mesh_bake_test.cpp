@@ -212,16 +212,16 @@ TEST(MeshBake, steppedHeightsLieWithinHalfAStepOfWhatWasBaked) {
 
 // Lines that are intersected together find what each finds alone, though one tells the next how far the scan is.
 TEST(BakeContext, LinesTogetherMeetWhatTheyMeetEachAlone) {
-  // Two waves, one above the other: lines from between them meet the upper one, and may touch the lower one.
+  // Two waves, the lower one half as long: lines beside its border meet the upper one, and those close by touch it.
   TriMesh mesh;
-  constexpr uint32_t kSide = 60;
+  constexpr uint32_t kSide = 60, kHalf = 30;
   for (int sheet = 0; sheet < 2; ++sheet) {
     const auto first = static_cast<uint32_t>(mesh.positions_mm.size());
     for (uint32_t y = 0; y <= kSide; ++y)
       for (uint32_t x = 0; x <= kSide; ++x)
         mesh.positions_mm.push_back(glm::vec3(x, y, 6.0 * sheet + std::sin(0.3 * x) * std::cos(0.2 * y)));
     for (uint32_t y = 0; y < kSide; ++y)
-      for (uint32_t x = 0; x < kSide; ++x) {
+      for (uint32_t x = 0; x < (sheet ? kSide : kHalf); ++x) {
         const uint32_t a = first + y * (kSide + 1) + x, b = a + kSide + 1;
         mesh.triangles.push_back({a, a + 1, b + 1});
         mesh.triangles.push_back({a, b + 1, b});
@@ -236,10 +236,10 @@ TEST(BakeContext, LinesTogetherMeetWhatTheyMeetEachAlone) {
   context.prefer_touching = true;
   LineBatch together;
   for (uint32_t i = 0; i < 4000; ++i) {
-    // A tenth of a cell apart; some begin on the lower wave, most above it.
-    const double x = 5 + 0.1 * (i % 400), y = 5 + 4.3 * (i / 400);
+    // A fiftieth of a cell apart, on no edge.
+    const double x = kHalf - 1.9863 + 0.0201 * (i % 400), y = 5.0291 + 4.3017 * (i / 400);
     const double lower = std::sin(0.3 * x) * std::cos(0.2 * y);
-    together.add({{x, y, lower + 0.15 + 0.45 * std::sin(0.05 * i)}, {0, 0, 1}, 12}, 0, 0, 0);
+    together.add({{x, y, lower + 0.1 * std::sin(0.05 * i)}, {0, 0, 1}, 12}, 0, 0, 0);
   }
   const std::vector<Line> lines = together.lines;
   context.intersect(together);
