@@ -312,7 +312,7 @@ Result<Candidate> bestCandidate(const BaseMeshBuilder& builder, const BaseDomain
     // A relief loses nothing: what the evaluation would report stems from its coarse cells.
     if (!candidate.empty() && isRelief(builder.view_direction)) return candidate;
     // Small pieces need a minimum of patches: numbers below what the last candidate had bring nothing new.
-    if (options.patches == 0 && i > 0 && last > patch_counts[i]) continue;
+    if (options.patches == 0 && i > 0 && 5 * last > 6 * patch_counts[i]) continue;
     if (candidate.empty()) candidate = builder.make(patch_counts[i], weight);
     if (isSet(options.interrupted)) return interruptedError();
     report(options, 0.5 + 0.5 * static_cast<double>(i + 1) / static_cast<double>(patch_counts.size() + 1));
