@@ -88,10 +88,10 @@ Result<StepChoice> chooseStepFor(const Fidelity& exact, const Fidelity& exact_at
   // Steps of s move heights by some s/6: less than s/sqrt(12), as most heights are what the coarser grid shows. kMargin
   // leaves room for another choice of samples; more than kNear of the target is near enough.
   constexpr double kNoise = 0.165, kSmaller = 0.9, kMargin = 0.95, kNear = 0.92, kLeast = 0.3, kMost = 8,
-                   kWorthwhile = 1.05;
+                   kWorthwhile = 1.05, kNextLeap = 0.985;
   auto rmsOf = [](const Fidelity& f) { return std::max(f.to_drawn.rms_mm, f.to_scan.rms_mm); };
-  const double target = exact.target.rms_mm, rms = rmsOf(exact), most = std::max(1.1 * rms, kMargin * target),
-               room = std::sqrt(std::max(0.0, most * most - rms * rms));
+  const double target = exact.target.rms_mm, rms = rmsOf(exact), most = std::max(1.1 * rms, kMargin * target);
+  auto roomFor = [&](double with_steps) { return std::sqrt(std::max(0.0, with_steps * with_steps - rms * rms)); };
   // Where the target is missed, it is to be missed by hardly more.
   auto keeps = [&](const Fidelity& f) {
     constexpr double kHardly = 1.1;
@@ -104,8 +104,10 @@ Result<StepChoice> chooseStepFor(const Fidelity& exact, const Fidelity& exact_at
   StepChoice chosen;
   double below = std::numeric_limits<double>::infinity();
   double per_move = 1;  // what is measured, for each mm that heights moved: less where the surface is steep
-  double guess = room / kNoise;
+  double guess = roomFor(most) / kNoise;
   for (int i = 0; i <= tries; ++i) {
+    // Where leaps leave much room, the next one may come closer to the target.
+    const double room = roomFor(chosen.step_mm > 0 ? std::max(most, kNextLeap * target) : most);
     auto found = solver.within(room / per_move, guess, below);
     if (!found) return found.error();
     guess = found->step_mm;
