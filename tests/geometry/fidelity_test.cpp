@@ -283,6 +283,16 @@ TEST(SurelyWithin, IsSeldomWrongAndSureWhereThereIsRoom) {
   EXPECT_GE(sureOf({0.5, 0, 1}), 1);
 }
 
+// One of few places beyond the largest distance is too much, be all else well within.
+TEST(SurelyWithin, NoneMayLieBeyondTheLargest) {
+  Fidelity f{.diagonal_mm = 1, .target = FidelityTarget::of(1), .to_drawn = {}, .to_scan = {}, .violations = {}};
+  for (OneSidedFidelity* way : {&f.to_drawn, &f.to_scan}) *way = {.samples = 8000, .rms_mm = 0.4 * f.target.rms_mm};
+  f.to_scan.area_within = 1 - 1.0 / 8000;
+  EXPECT_TRUE(surelyWithin(f, 0.9)) << "control: one beyond the percentile";
+  f.to_scan.area_beyond = 1.0 / 8000;
+  EXPECT_FALSE(surelyWithin(f, 0.9));
+}
+
 // Few places find what many do, within some standard errors, and a miss is no less one.
 TEST(SurelyWithin, FewPlacesOfABakeFindWhatManyDo) {
   const TriMesh scan = ballMesh(40);

@@ -236,8 +236,8 @@ TEST(BakeContext, LinesTogetherMeetWhatTheyMeetEachAlone) {
   context.prefer_touching = true;
   LineBatch together;
   for (uint32_t i = 0; i < 4000; ++i) {
-    // A fiftieth of a cell apart, on no edge.
-    const double x = kHalf - 1.9863 + 0.0201 * (i % 400), y = 5.0291 + 4.3017 * (i / 400);
+    // A fiftieth of a cell apart, on no edge; from far beside the border to it.
+    const double x = kHalf - 1.9863 + 0.0201 * (399 - i % 400), y = 5.0291 + 4.3017 * (i / 400);
     const double lower = std::sin(0.3 * x) * std::cos(0.2 * y);
     together.add({{x, y, lower + 0.1 * std::sin(0.05 * i)}, {0, 0, 1}, 12}, 0, 0, 0);
   }
