@@ -24,6 +24,7 @@
 #include "geometry/bake/mesh_bake.h"
 #include "geometry/bake/mesh_distance.h"
 #include "geometry/bake/simplified_rounds.h"
+#include "geometry/bake/step_choice.h"
 #include "geometry/mesh/mesh_order.h"
 #include "geometry/remesh/base_domain.h"
 #include "geometry/scan/mesh_read.h"
@@ -379,6 +380,8 @@ class MeshBuild {
   Result<void> makeBase();
   // Bakes, measures, and makes patches smaller where the scan is missed, until the target is kept or more hardly help.
   Result<void> bakeUntilKept();
+  // After steps were chosen: what is told of the bake, and the errors of its coarser grids.
+  Result<void> finishBake();
   // Another kind of base takes the place of a first one that is hopeless (first_base.h), if there is any.
   Result<void> replaceHopelessBase();
   // The next bake's base; false: there is none of this kind.
@@ -387,7 +390,7 @@ class MeshBuild {
   Result<bool> useSimplified(std::span<const RefineRequest> requests);
   // Chooses the base of the next bake, after one that missed; false: what there is is kept.
   Result<bool> nextBase(const Fidelity& now, BakeLimit limit, bool better);
-  // Rounds heights to steps as large as the target allows.
+  // Rounds heights to steps as large as the target allows. fidelity_ is then measured at all places.
   Result<void> chooseStep();
   Result<void> bake();
   FidelityTarget target(double tolerance = 0) const;
@@ -395,7 +398,11 @@ class MeshBuild {
   // few bytes for them, and heights make up for it. Where patches are the scan's triangles, there are hardly any.
   double baseStep() const;
   // tolerance: in the scan's units; 0 is what was asked for.
-  Result<Fidelity> measureBake(const MeshBake& bake, double tolerance = 0);
+  // kRound: at all places, on the fewest blocks (FidelityOptions::soon).
+  enum class Places : uint8_t { kAll, kFew, kRound };
+  Result<Fidelity> measureBake(const MeshBake& bake, double tolerance = 0, Places places = Places::kAll);
+  // At few places where these leave no doubt that what was baked is kept: sets at_few_places_.
+  Result<Fidelity> measureRound();
   // After a miss at the program's own choice of patches: sets kept_tolerance_mm_.
   Result<void> findKeptTolerance();
   Error missed(const std::string& what_was_done) const;
@@ -410,6 +417,8 @@ class MeshBuild {
   uint64_t memoryLeft(uint64_t least) const;
 
   static constexpr int kRounds = 5, kInVain = 2;  // of one kind of base
+  static constexpr double kEnough = 0.9;        // of the target: another choice of samples finds a little more or less
+  static constexpr uint64_t kFewPlaces = 8000;  // eight of them may lie beyond the 99.9th percentile
 
   MeshBuildArguments a_;
   Stages stages_;
@@ -420,8 +429,10 @@ class MeshBuild {
   std::unique_ptr<BaseDomain> domain_;
   BaseMesh base_;
   std::unique_ptr<MeshBake> bake_;
-  std::optional<FidelityScan> fidelity_scan_;  // while bakes are measured
+  std::optional<FidelityScan> fidelity_scan_, few_places_;  // while bakes are measured
   Fidelity fidelity_;
+  bool at_few_places_ = false;    // fidelity_ was measured there
+  bool many_places_ = false;      // from now on few places decide about no bake
   uint64_t ray_bytes_ = 0;        // that the hierarchies of the scan's rays may take
   double kept_tolerance_mm_ = 0;  // the least that is kept after a miss; 0: none was found
   bool finer_cells_ = false;      // than the target asks for
@@ -510,7 +521,7 @@ Result<void> MeshBuild::makeBase() {
 }
 
 double MeshBuild::baseStep() const {
-  constexpr double kOfTarget = 1.0 / 16;  // of the RMS that is aimed at: hardly seen where heights are 0, too
+  constexpr double kOfTarget = 0.25;  // of the RMS that is aimed at: hardly seen where heights are 0, too
   const double diagonal = diagonalOf(loaded_.mesh), finest = diagonal / (kMostPositionSteps / 4);
   return base_kind_ == BaseKind::kFaces ? finest : std::max(kOfTarget * target().rms_mm, finest);
 }
@@ -557,28 +568,49 @@ uint64_t MeshBuild::memoryLeft(uint64_t least) const {
   return std::max(budget - budget / 8, in_use + least) - in_use;
 }
 
-Result<Fidelity> MeshBuild::measureBake(const MeshBake& bake, double tolerance) {
+Result<Fidelity> MeshBuild::measureBake(const MeshBake& bake, double tolerance, Places places) {
   const TriMesh& scan = loaded_.mesh;
   FidelityOptions run{.workers = a_.package.workers, .interrupted = &interruptedFlag()};
   run.memory_bytes = memoryLeft(uint64_t{32} << 20);
+  run.soon = places != Places::kRound;
   if (!fidelity_scan_) {
     const Result<BakeScene>& scene = bake_scene_->get();
     fidelity_scan_.emplace(scan, a_.package.workers, 0,
                            scene && scene->rasteriser ? scene->rasteriser->runs() : nullptr);
   }
-  return measureFidelity(*fidelity_scan_, bake, target(tolerance), run);
+  if (places == Places::kFew && !few_places_)
+    few_places_.emplace(FidelityScan::fewer(*fidelity_scan_, a_.package.workers, kFewPlaces));
+  return measureFidelity(places == Places::kFew ? *few_places_ : *fidelity_scan_, bake, target(tolerance), run);
+}
+
+Result<Fidelity> MeshBuild::measureRound() {
+  at_few_places_ = false;
+  // Where probes of the heights miss what was aimed at, few places are hardly enough.
+  if (!many_places_ && a_.patches == 0 && bake_->report().limit == BakeLimit::kNone) {
+    auto few = measureBake(*bake_, 0, Places::kFew);
+    if (!few) return few.error();
+    at_few_places_ = surelyWithin(*few, kEnough);
+    if (at_few_places_) return few;
+  }
+  return measureBake(*bake_, 0, Places::kRound);
 }
 
 Result<void> MeshBuild::bakeUntilKept() {
-  constexpr double kEnough = 0.9;  // of the target: another choice of samples finds a little more or less
   std::unique_ptr<MeshBake> best;
   BaseMesh best_base;
   if (auto done = replaceHopelessBase(); !done) return done;
   BaseKind best_kind = base_kind_;
   for (;;) {
     if (auto done = bake(); !done) return done;
-    auto found = stages_.run("bake", [&] { return measureBake(*bake_); });
+    auto found = stages_.run("bake", [&] { return measureRound(); });
     if (!found) return found.error();
+    if (at_few_places_) {
+      Fidelity of_best = std::exchange(fidelity_, std::move(*found));
+      if (auto done = chooseStep(); !done) return done;
+      if (fidelity_.kept()) return finishBake();
+      many_places_ = true;
+      found = std::exchange(fidelity_, std::move(of_best));
+    }
     const BakeLimit limit = bake_->report().limit;
     const Fidelity now = *found;
     const bool better = !best || now.excess() < fidelity_.excess();
@@ -604,7 +636,12 @@ Result<void> MeshBuild::bakeUntilKept() {
     fidelity_ = std::move(*found);
   }
   if (auto done = chooseStep(); !done) return done;
+  return finishBake();
+}
+
+Result<void> MeshBuild::finishBake() {
   if (auto done = stages_.run("bake", [&] { return findKeptTolerance(); }); !done) return done;
+  few_places_.reset();
   fidelity_scan_.reset();
   if (auto done = stages_.run("bake", [&] { return bake_->findErrors(); }); !done) return done;
   result_.fidelity = inMm(fidelity_, loaded_.mesh.origin_mm, mmPerUnit(a_.unit));
@@ -680,54 +717,32 @@ Result<bool> MeshBuild::nextBase(const Fidelity& now, BakeLimit limit, bool bett
 }
 
 Result<void> MeshBuild::chooseStep() {
-  // Steps of s add some s/6 to the RMS, independent of what is there: less than s/sqrt(12), as most heights are what
-  // the coarser grid shows. What a try adds says better how large the next may be. kMargin leaves room for another
-  // choice of samples.
-  constexpr double kNoise = 0.165, kSmaller = 0.9, kLarger = 1.5, kMargin = 0.95, kNear = 0.92, kLeast = 0.3, kMost = 8;
   const int kTries = base_kind_ == BaseKind::kEven ? 4 : 3;  // bases that lie close to the scan have few heights
-  auto rmsOf = [](const Fidelity& f) { return std::max(f.to_drawn.rms_mm, f.to_scan.rms_mm); };
-  const Fidelity exact = fidelity_;
-  const double target = exact.target.rms_mm, rms = rmsOf(exact);
-  const double most = std::max(1.1 * rms, kMargin * target), room = std::sqrt(std::max(0.0, most * most - rms * rms));
-  // Where the target is missed, it is to be missed by hardly more.
-  auto keeps = [&](const Fidelity& f) {
-    constexpr double kHardly = 1.1;
-    return exact.kept() ? f.kept() : f.excess() <= kHardly * exact.excess() && rmsOf(f) <= most;
+  double set = 0;
+  auto change = [&](double step) -> Result<double> {
+    set = step;
+    if (auto done = bake_->setStep(step); !done) return done.error();
+    return bake_->stepChangeMm();
   };
-  double step = std::min(room / kNoise, kMost * target), set = 0, kept = 0, missed = kMost * target;
-  auto measured = [&](double tried) {
-    set = tried;
-    return stages_.run("bake", [&]() -> Result<Fidelity> {
-      if (auto done = bake_->setStep(tried); !done) return done.error();
-      return measureBake(*bake_);
-    });
-  };
-  for (int i = 0; i < kTries && step > kLeast * target; ++i) {
-    auto found = measured(step);
-    if (!found) return found.error();
-    const double added = std::sqrt(std::max(0.0, rmsOf(*found) * rmsOf(*found) - rms * rms));
-    const double next = added > 0 ? step * room / added : step * kLarger;
-    if (!keeps(*found)) {
-      missed = step;
-      step = std::min(kSmaller * step, next);
-      if (kept > 0) break;
-      continue;
+  return stages_.run("bake", [&]() -> Result<void> {
+    auto few = at_few_places_ ? Result<Fidelity>(fidelity_) : measureBake(*bake_, 0, Places::kFew);
+    if (!few) return few.error();
+    auto chosen = chooseStepFor(
+        fidelity_, *few, kTries, change, [&] { return measureBake(*bake_, 0, Places::kFew); },
+        [&] { return measureBake(*bake_); });
+    if (!chosen) return chosen.error();
+    if (set != chosen->step_mm)
+      if (auto done = bake_->setStep(chosen->step_mm); !done) return done.error();
+    if (chosen->measured) {
+      fidelity_ = std::move(chosen->fidelity);
+    } else if (at_few_places_) {
+      auto found = measureBake(*bake_);
+      if (!found) return found.error();
+      fidelity_ = std::move(*found);
     }
-    kept = step;
-    fidelity_ = std::move(*found);
-    if (!exact.kept() || fidelity_.excess() > kNear) break;
-    step = std::min({next, kLarger * step, kSmaller * missed});
-    if (step < 1.05 * kept) break;
-  }
-  if (kept == 0 && !exact.kept()) {
-    // Unrounded heights take many times the bits, for hardly a change of what is missed anyway.
-    kept = kLeast * target;
-    auto found = measured(kept);
-    if (!found) return found.error();
-    fidelity_ = std::move(*found);
-  }
-  if (set == kept && set > 0) return {};
-  return stages_.run("bake", [&] { return bake_->setStep(kept); });
+    at_few_places_ = false;
+    return {};
+  });
 }
 
 Result<void> MeshBuild::findKeptTolerance() {

@@ -19,8 +19,8 @@ namespace relievo {
 // any run of indices are spread evenly.
 inline glm::dvec2 pointInTriangle(size_t k) {
   constexpr double kPlastic = 1.32471795724474602596;
-  double b1 = std::fmod(0.5 + static_cast<double>(k) / kPlastic, 1.0),
-         b2 = std::fmod(0.5 + static_cast<double>(k) / (kPlastic * kPlastic), 1.0);
+  double b1 = 0.5 + static_cast<double>(k) / kPlastic, b2 = 0.5 + static_cast<double>(k) / (kPlastic * kPlastic);
+  b1 -= std::floor(b1), b2 -= std::floor(b2);
   if (b1 + b2 > 1) {
     b1 = 1 - b1;
     b2 = 1 - b2;

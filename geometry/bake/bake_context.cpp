@@ -53,8 +53,9 @@ void BakeContext::intersect(LineBatch& batch) const {
   if (touch_mm > 0)
     for (size_t i = 0; i < batch.hits.size(); ++i) batch.hits[i] = pointAtOrigin(batch.lines[i], batch.hits[i]);
   if (!prefer_touching) return;
+  FreeBall free;
   for (size_t i = 0; i < batch.hits.size(); ++i)
-    if (batch.hits[i]) batch.hits[i] = touchingPoint(batch.lines[i], batch.hits[i]);
+    if (batch.hits[i]) batch.hits[i] = touchingPoint(batch.lines[i], batch.hits[i], free);
 }
 
 SurfacePoint BakeContext::pointAtOrigin(const Line& line, SurfacePoint hit) const {
@@ -67,7 +68,7 @@ SurfacePoint BakeContext::pointAtOrigin(const Line& line, SurfacePoint hit) cons
   return hit;
 }
 
-SurfacePoint BakeContext::touchingPoint(const Line& line, const SurfacePoint& hit) const {
+SurfacePoint BakeContext::touchingPoint(const Line& line, const SurfacePoint& hit, FreeBall& free) const {
   // Hits nearer than this share of the reach do little harm.
   constexpr double kHarmless = 0.02;
   // Where the surface from the closest point to the hit were a plane that faces along the line as much as kFacing, the
@@ -75,8 +76,15 @@ SurfacePoint BakeContext::touchingPoint(const Line& line, const SurfacePoint& hi
   constexpr double kNear = 0.1, kFacing = 0.2;
   if (std::abs(hit.along) < kHarmless * line.reach) return hit;
   const double length = glm::length(line.direction);
-  SurfacePoint near = scene->closestPoint(line.at, kNear * std::abs(hit.along) * length);
-  if (!near) return hit;
+  const double within = kNear * std::abs(hit.along) * length;
+  if (glm::length(line.at - free.centre) + within < free.radius) return hit;
+  // What lies further away tells about the next lines, which begin close by.
+  constexpr double kFurther = 2, kRounding = 1e-6;
+  SurfacePoint near = scene->closestPoint(line.at, kFurther * within);
+  if (!near || near.along > within) {
+    free = {line.at, (near ? near.along : kFurther * within) * (1 - kRounding)};
+    return hit;
+  }
   const auto& t = mesh->triangles[near.triangle];
   auto interpolate = [&](const std::vector<glm::vec3>& of_vertex) {
     return glm::dvec3(of_vertex[t[0]]) * (1 - near.b1 - near.b2) + glm::dvec3(of_vertex[t[1]]) * near.b1 +

@@ -149,11 +149,16 @@ struct BakeContext {
   bool stopped() const { return interrupted && interrupted->load(std::memory_order_relaxed); }
 
  private:
+  // A ball that the scan does not come into.
+  struct FreeBall {
+    glm::dvec3 centre{0};
+    double radius = 0;
+  };
   void findHits(LineBatch& batch) const;
   // The closest point of the scan instead of a hit that is far from it, if the scan faces along the line there: next to
   // a sharp edge a line may pass between the triangles' rounded coordinates, or just beside the edge, and meet another
   // part of the scan.
-  SurfacePoint touchingPoint(const Line& line, const SurfacePoint& hit) const;
+  SurfacePoint touchingPoint(const Line& line, const SurfacePoint& hit, FreeBall& free) const;
   // The scan's point at the line's own origin, or the hit if there is none.
   SurfacePoint pointAtOrigin(const Line& line, SurfacePoint hit) const;
 };

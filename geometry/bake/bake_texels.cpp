@@ -7,6 +7,7 @@
 #include <vector>
 
 #include "src/artwork/patch_domain.h"
+#include "src/base/simd_dispatch.h"
 
 namespace relievo {
 namespace {
@@ -259,47 +260,62 @@ bool TexelBaker::sampleSurface(const PatchLines& lines, const SampleGrid& grid, 
 // The last row of samples that row y of the texels is interpolated from.
 size_t lastSampleRow(const SampleGrid& grid, size_t y) { return grid.per_texel ? y : y / (grid.side / grid.cells) + 1; }
 
-// Interpolates row y of the texels into values, one array for each channel. row_samples: scratch memory.
-void interpolateRow(const SampleGrid& grid, const SampleBand& samples, size_t y, std::vector<float>& row_samples,
-                    std::vector<float>& values) {
-  const auto [side, per_texel, cells, row] = grid;
-  const size_t run = side / cells;  // texels for each cell
-  if (per_texel) {
-    for (size_t k = 0; k < kTexelChannels; ++k)
-      for (size_t x = 0; x < side; ++x) values[k * side + x] = samples.row(y)[x][k];
-  } else {
-    const float fy = (static_cast<float>(y % run) + 0.5f) / static_cast<float>(run);
-    const ColourNormal *above = samples.row(y / run), *below = samples.row(y / run + 1);
-    for (size_t k = 0; k < kTexelChannels; ++k) {
-      float* m = row_samples.data() + k * row;
-      for (size_t x = 0; x < row; ++x) m[x] = above[x][k] * (1 - fy) + below[x][k] * fy;
-      for (size_t cell = 0; cell < cells; ++cell) {
-        const float start = m[cell], step = (m[cell + 1] - m[cell]) / static_cast<float>(run);
-        float* v = values.data() + k * side + cell * run;
-        for (size_t i = 0; i < run; ++i) v[i] = start + step * (static_cast<float>(static_cast<int>(i)) + 0.5f);
-      }
-    }
+// Texels of a row between samples, `run` for each cell; kRun: where that is known beforehand.
+template <size_t kRun>
+inline void interpolateCells(const float* samples, size_t cells, size_t run, float* values) noexcept {
+  const size_t steps = kRun > 0 ? kRun : run;
+  for (size_t cell = 0; cell < cells; ++cell) {
+    const float start = samples[cell], step = (samples[cell + 1] - samples[cell]) / static_cast<float>(steps);
+    for (size_t i = 0; i < steps; ++i)
+      values[cell * steps + i] = start + step * (static_cast<float>(static_cast<int>(i)) + 0.5f);
   }
 }
 
-uint8_t byteOf(float value) {
+// Interpolates row y of the texels into values, one array for each channel. above, below: the rows of samples around
+// it. row_samples: scratch memory for a row of samples, and one of their channels.
+RELIEVO_SIMD_CLONES void interpolateRow(const SampleGrid& grid, const float* above, const float* below, size_t y,
+                                        float* row_samples, float* values) noexcept {
+  const auto [side, per_texel, cells, row] = grid;
+  if (per_texel) {
+    for (size_t k = 0; k < kTexelChannels; ++k)
+      for (size_t x = 0; x < side; ++x) values[k * side + x] = above[x * kTexelChannels + k];
+    return;
+  }
+  const size_t run = side / cells;  // texels for each cell
+  const float fy = (static_cast<float>(y % run) + 0.5f) / static_cast<float>(run);
+  float *mixed = row_samples, *m = row_samples + row * kTexelChannels;
+  for (size_t i = 0; i < row * kTexelChannels; ++i) mixed[i] = above[i] * (1 - fy) + below[i] * fy;
+  for (size_t k = 0; k < kTexelChannels; ++k) {
+    for (size_t x = 0; x < row; ++x) m[x] = mixed[x * kTexelChannels + k];
+    float* v = values + k * side;
+    if (run == 2) interpolateCells<2>(m, cells, run, v);
+    else if (run == 4) interpolateCells<4>(m, cells, run, v);
+    else interpolateCells<0>(m, cells, run, v);
+  }
+}
+
+// As bytes: below 0 and above 255 the nearest.
+inline uint8_t byteOf(float value) {
   return static_cast<uint8_t>(static_cast<int>(std::min(std::max(value + 0.5f, 0.0f), 255.0f)));
 }
 
 // Writes row y as bytes, with normals scaled to length 1.
-void quantiseRow(size_t side, size_t y, std::vector<float>& values, std::span<uint8_t> out) {
+RELIEVO_SIMD_CLONES void quantiseRow(size_t side, size_t y, float* values, uint8_t* out) noexcept {
   const size_t plane = side * side;
-  float *nx = values.data() + 3 * side, *ny = nx + side, *nz = ny + side;
+  float *nx = values + 3 * side, *ny = nx + side, *nz = ny + side;
+#pragma GCC ivdep
   for (size_t x = 0; x < side; ++x) {
     // Interpolated normals vanish where opposite ones meet; the lower bound avoids a division by 0.
-    const float scale = 127.5f / std::sqrt(std::max(nx[x] * nx[x] + ny[x] * ny[x] + nz[x] * nz[x], 1e-12f));
+    const float squared = nx[x] * nx[x] + ny[x] * ny[x] + nz[x] * nz[x],
+                scale = 127.5f / std::sqrt(squared > 1e-12f ? squared : 1e-12f);
     nx[x] = nx[x] * scale + 127.5f;
     ny[x] = ny[x] * scale + 127.5f;
     nz[x] = nz[x] * scale + 127.5f;
   }
   for (size_t k = 0; k < kTexelChannels; ++k) {
-    const float* v = values.data() + k * side;
-    uint8_t* to = out.data() + k * plane + y * side;
+    const float* v = values + k * side;
+    uint8_t* to = out + k * plane + y * side;
+#pragma GCC ivdep
     for (size_t x = 0; x < side; ++x) to[x] = byteOf(v[x]);
   }
 }
@@ -390,8 +406,8 @@ void chooseTextureResolution(const BakeContext& context, int requested_depth, Ba
     while (texels(depth) < samples && texels(depth + 1) < static_cast<double>(kMaxTexels)) ++depth;
   }
   // Vertex colours are linear over the scan's triangles, so that a grid somewhat finer than these captures them. If it
-  // is hardly finer, creases show; half a million samples take a quarter of a second.
-  double grid_points = std::max(2 * vertices, std::min(16 * vertices, 524'288.0));
+  // is hardly finer, creases show; a quarter of a million samples take a tenth of a second.
+  double grid_points = std::max(2 * vertices, std::min(4 * vertices, 262'144.0));
   if (texture.palette) grid_points *= 4;  // no cell's corners show a triangle that lies between them
   const int texels_log2 = kPageCellsLog2 + depth;
   texture.sample_grid_log2 = 1;
@@ -405,7 +421,7 @@ bool bakeTexels(const BakeContext& context, const BakedHeights& baked, const Bak
   const TexelBaker baker{context, baked, texture};
   if (texture.planes) return baker.bakePlanes(patch, out);
   const SampleGrid grid(texture);
-  std::vector<float> row_samples(grid.row * kTexelChannels), values(grid.side * kTexelChannels);
+  std::vector<float> row_samples(grid.row * (kTexelChannels + 1)), values(grid.side * kTexelChannels);
   const PatchLines lines(context, baked, deviation_mm, patch);
   // Interpolation blurs a crease, or a border of colours, over a cell.
   const bool sharpen = !grid.per_texel && (context.normals->hasCreases() || texture.palette);
@@ -413,8 +429,10 @@ bool bakeTexels(const BakeContext& context, const BakedHeights& baked, const Bak
   bool whole = true;
   const bool sampled = baker.sampleSurface(lines, grid, [&](const SampleBand& samples) {
     for (; y < grid.side && lastSampleRow(grid, y) < samples.end(); ++y) {
-      interpolateRow(grid, samples, y, row_samples, values);
-      quantiseRow(grid.side, y, values, out);
+      const size_t above = grid.per_texel ? y : y / (grid.side / grid.cells);
+      interpolateRow(grid, samples.row(above)->data(), samples.row(grid.per_texel ? y : above + 1)->data(), y,
+                     row_samples.data(), values.data());
+      quantiseRow(grid.side, y, values.data(), out.data());
     }
     if (!sharpen) return;
     whole = whole && baker.sharpenCells(lines, grid, samples, sharpened, samples.end() - 1, out);

@@ -28,22 +28,35 @@ struct Samples {
   size_t area_samples = 0;  // so many come first, spread over the area; the others are vertices
 };
 
-// Lowers the samples' distances to those of a surface, which lies within the box. distance: as closestByBoxes() has it.
+// Lowers the distances of the samples [first, end) to those of a surface, which lies within the box. distance: as
+// closestByBoxes() has it. Distances of at most `enough` need not be lowered.
 template <class Distance>
-void updateDistances(Samples& s, const Box* box, const glm::dvec3& shift, const FidelityOptions& options,
-                     Distance distance) {
-  constexpr size_t kSamplesPerJob = 2048;
-  parallelFor((s.positions.size() + kSamplesPerJob - 1) / kSamplesPerJob, options.workers, options.interrupted,
-              [&](size_t job) {
-                size_t last = kNoPart;
-                for (size_t i = job * kSamplesPerJob; i < std::min(s.positions.size(), (job + 1) * kSamplesPerJob);
-                     ++i) {
-                  const glm::dvec3 p = s.positions[i] + shift;
-                  const double nearest = s.distances_mm[i];
-                  if (box && !std::isinf(nearest) && box->squaredDistance(p) > nearest * nearest) continue;
-                  s.distances_mm[i] = std::min(s.distances_mm[i], static_cast<float>(distance(p, nearest, last)));
-                }
-              });
+void updateDistances(Samples& s, size_t first, size_t end, const Box* box, const glm::dvec3& shift, double enough,
+                     const FidelityOptions& options, Distance distance) {
+  constexpr size_t kSamplesPerJob = 1024;
+  // Samples beside one another are about as far away: a search that knows how far it need go is half as long.
+  constexpr double kLikely = 4, kAtLeast = 1e-6;
+  constexpr double kFar = std::numeric_limits<double>::infinity();
+  parallelFor(
+      (end - first + kSamplesPerJob - 1) / kSamplesPerJob, options.workers, options.interrupted, [&](size_t job) {
+        size_t last = kNoPart;
+        double likely = kFar;
+        for (size_t i = first + job * kSamplesPerJob; i < std::min(end, first + (job + 1) * kSamplesPerJob); ++i) {
+          const glm::dvec3 p = s.positions[i] + shift;
+          const double nearest = s.distances_mm[i];
+          if (nearest <= enough) continue;
+          if (box && !std::isinf(nearest) && box->squaredDistance(p) > nearest * nearest) continue;
+          double found = kFar;
+          if (likely < nearest) {
+            size_t part = kNoPart;
+            found = distance(p, likely, part);
+            if (part != kNoPart) last = part;
+          }
+          if (found == kFar) found = distance(p, nearest, last);
+          likely = std::max(kLikely * found, kAtLeast * (std::abs(p.x) + std::abs(p.y) + std::abs(p.z)));
+          s.distances_mm[i] = std::min(s.distances_mm[i], static_cast<float>(found));
+        }
+      });
 }
 
 // Calls use(part) with consecutive patches, as many at a time as fit the memory, until it answers false. kept: the part
@@ -85,35 +98,43 @@ double violationThreshold(std::vector<float> distances_mm, const OneSidedFidelit
   return from;
 }
 
-OneSidedFidelity summarise(const Samples& s, const FidelityTarget& target, std::vector<FidelityViolation>& violations) {
+// Of the samples that are spread over the area, but for max_mm. from: how near no sample violates the target.
+OneSidedFidelity summariseArea(const Samples& s, const FidelityTarget& target, double& from) {
   OneSidedFidelity result;
   result.samples = s.area_samples;
-  if (s.distances_mm.empty()) return result;
-  std::vector<float> area_samples(s.distances_mm.begin(),
-                                  s.distances_mm.begin() + static_cast<ptrdiff_t>(s.area_samples));
-  double squares = 0;
+  std::vector<float> distances(s.distances_mm.begin(), s.distances_mm.begin() + static_cast<ptrdiff_t>(s.area_samples));
+  double squares = 0, fourths = 0;
   size_t within = 0, beyond = 0;
-  for (float d : area_samples) {
-    squares += double{d} * d;
+  for (float d : distances) {
+    const double square = double{d} * d;
+    squares += square;
+    fourths += square * square;
     within += d <= target.p99_9_mm;
     beyond += d > target.max_mm;
   }
-  if (!area_samples.empty()) {
-    const double count = static_cast<double>(area_samples.size());
-    result.rms_mm = std::sqrt(squares / count);
+  if (!distances.empty()) {
+    const double count = static_cast<double>(distances.size()), mean = squares / count;
+    result.rms_mm = std::sqrt(mean);
+    result.mean_square_error = std::sqrt(std::max(fourths / count - mean * mean, 0.0) / count);
     result.area_within = static_cast<double>(within) / count;
     result.area_beyond = static_cast<double>(beyond) / count;
-    const auto rank = area_samples.begin() + static_cast<ptrdiff_t>((count - 1) * 0.999);
-    std::nth_element(area_samples.begin(), rank, area_samples.end());
+    const auto rank = distances.begin() + static_cast<ptrdiff_t>((count - 1) * 0.999);
+    std::nth_element(distances.begin(), rank, distances.end());
     result.p99_9_mm = *rank;
+    result.max_mm = *std::max_element(distances.begin(), distances.end());
   }
+  from = violationThreshold(std::move(distances), result, target);
+  return result;
+}
+
+// The largest distance of all samples, and those of them beyond `from`.
+void addExtremes(const Samples& s, double from, OneSidedFidelity& result, std::vector<FidelityViolation>& violations) {
+  if (s.distances_mm.empty()) return;
   const auto largest = std::max_element(s.distances_mm.begin(), s.distances_mm.end());
   result.max_mm = *largest;
   result.max_at_mm = s.positions[static_cast<size_t>(largest - s.distances_mm.begin())];
-  const double from = violationThreshold(std::move(area_samples), result, target);
   for (size_t i = 0; i < s.distances_mm.size(); ++i)
     if (s.distances_mm[i] > from) violations.push_back({s.positions[i], s.distances_mm[i]});
-  return result;
 }
 
 }  // namespace
@@ -129,6 +150,20 @@ double Fidelity::psnr_db() const {
 
 double Fidelity::excess() const { return std::max(to_drawn.excess(target), to_scan.excess(target)); }
 
+bool surelyWithin(const Fidelity& few, double share) {
+  constexpr double kErrors = 3;
+  const FidelityTarget& t = few.target;
+  auto within = [&](const OneSidedFidelity& way) {
+    const double count = static_cast<double>(way.samples), rms = share * t.rms_mm,
+                 outside = (1 - way.area_within) * count;
+    // So many of a rare kind were found: there are at most so many more, with 3 where none was (Poisson).
+    const double most_outside = outside + kErrors * std::sqrt(outside) + 3;
+    return way.rms_mm * way.rms_mm + kErrors * way.mean_square_error <= rms * rms && most_outside <= 1e-3 * count &&
+           way.area_beyond == 0;
+  };
+  return within(few.to_drawn) && within(few.to_scan);
+}
+
 double diagonalOf(const TriMesh& mesh) {
   if (mesh.positions_mm.empty()) return 0;
   glm::vec3 low = mesh.positions_mm[0], high = low;
@@ -140,6 +175,14 @@ double diagonalOf(const TriMesh& mesh) {
 }
 
 FidelityScan::FidelityScan(const TriMesh& mesh, int workers, uint64_t samples, std::shared_ptr<const TriangleRuns> runs)
+    : FidelityScan(mesh, workers, samples, std::move(runs), Vertices::kTaken) {}
+
+FidelityScan FidelityScan::fewer(const FidelityScan& scan, int workers, uint64_t samples) {
+  return FidelityScan(scan.mesh(), workers, samples, scan.search().sharedRuns(), Vertices::kLeftOut);
+}
+
+FidelityScan::FidelityScan(const TriMesh& mesh, int workers, uint64_t samples, std::shared_ptr<const TriangleRuns> runs,
+                           Vertices vertices)
     : mesh_(&mesh),
       search_(runs ? std::move(runs) : std::make_shared<const TriangleRuns>(mesh, workers)),
       diagonal_mm_(diagonalOf(mesh)),
@@ -152,6 +195,7 @@ FidelityScan::FidelityScan(const TriMesh& mesh, int workers, uint64_t samples, s
     for (size_t k = sampler.firstSampleAt(0); k < end; ++k) positions_.push_back(sampler.position(k, triangle));
   }
   area_samples_ = positions_.size();
+  if (vertices == Vertices::kLeftOut) return;
   const size_t step = (mesh.positions_mm.size() + kMaxVertices - 1) / kMaxVertices;
   for (size_t v = 0; v < mesh.positions_mm.size(); v += std::max<size_t>(step, 1))
     positions_.push_back(glm::dvec3(mesh.positions_mm[v]));
@@ -168,34 +212,46 @@ Result<Fidelity> measureOnGrids(double grid_tolerance_mm, const FidelityScan& sc
   // From the scan's coordinates to the base's.
   const glm::dvec3 shift = scan.mesh().origin_mm - baked.base().origin_mm;
   Samples scan_samples{scan.positions(), std::vector<float>(scan.positions().size(), kFar), scan.areaSamples()};
-  const MeasuredSurface surface(baked, grid_tolerance_mm, options.workers, options.interrupted);
+  const MeasuredSurface surface(baked, grid_tolerance_mm,
+                                options.soon ? MeasuredSurface::Blocks::kSoon : MeasuredSurface::Blocks::kFewest,
+                                options.workers, options.interrupted);
   if (stopped()) return interrupted;
   double area = 0;
   std::optional<MeasuredSurface::Part> kept;
+  const size_t area_samples = scan.areaSamples(), all_samples = scan.positions().size();
   bool whole = forEachPart(surface, options.memory_bytes, kept, [&](const MeasuredSurface::Part& part) {
     if (stopped()) return false;
     area = part.areaAfter();
-    updateDistances(scan_samples, &part.box(), shift, options,
+    updateDistances(scan_samples, 0, area_samples, &part.box(), shift, kNeverEnough, options,
                     [&](const glm::dvec3& p, double within, size_t& row) { return part.distance(p, within, row); });
     return !stopped();
   });
   if (!whole) return interrupted;
-  // Each part gets the samples that lie on it, numbered over the whole surface.
+  double from = 0;
+  out.to_drawn = summariseArea(scan_samples, target, from);
+  // Each part gets the samples that lie on it, numbered over the whole surface. Vertices count where they are further
+  // away than all those samples, or violate the target: how near others are does not matter.
+  const double enough = std::min(from, out.to_drawn.max_mm);
   Samples drawn_samples;
-  whole = area <= 0 || forEachPart(surface, options.memory_bytes, kept, [&](const MeasuredSurface::Part& part) {
-            if (stopped()) return false;
-            MeasuredSurface::addSamples(part, area, scan.samples(), -shift, drawn_samples.positions);
-            return true;
-          });
+  whole = forEachPart(surface, options.memory_bytes, kept, [&](const MeasuredSurface::Part& part) {
+    if (stopped()) return false;
+    if (area > 0)
+      MeasuredSurface::addSamples(part, area, scan.samples(), -shift, options.workers, drawn_samples.positions);
+    updateDistances(
+        scan_samples, area_samples, all_samples, &part.box(), shift, enough, options,
+        [&](const glm::dvec3& p, double within, size_t& row) { return part.distance(p, within, row, enough); });
+    return !stopped();
+  });
   if (!whole) return interrupted;
+  addExtremes(scan_samples, from, out.to_drawn, out.violations);
   drawn_samples.area_samples = drawn_samples.positions.size();
   drawn_samples.distances_mm.assign(drawn_samples.positions.size(), kFar);
   updateDistances(
-      drawn_samples, nullptr, glm::dvec3(0), options,
+      drawn_samples, 0, drawn_samples.positions.size(), nullptr, glm::dvec3(0), kNeverEnough, options,
       [&](const glm::dvec3& p, double within, size_t& part) { return scan.search().distance(p, within, part); });
   if (stopped()) return interrupted;
-  out.to_drawn = summarise(scan_samples, target, out.violations);
-  out.to_scan = summarise(drawn_samples, target, out.violations);
+  out.to_scan = summariseArea(drawn_samples, target, from);
+  addExtremes(drawn_samples, from, out.to_scan, out.violations);
   return out;
 }
 

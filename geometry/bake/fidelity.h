@@ -32,6 +32,7 @@ struct FidelityTarget {
 struct OneSidedFidelity {
   uint64_t samples = 0;  // spread over the area; max_mm covers vertices of the scan, too
   double rms_mm = 0, p99_9_mm = 0, max_mm = 0;
+  double mean_square_error = 0;             // the standard error of rms_mm^2 that so many samples leave
   double area_within = 1, area_beyond = 0;  // area shares within the target's p99_9_mm, and beyond its max_mm
   glm::dvec3 max_at_mm{0};
   bool meets(const FidelityTarget& t) const {
@@ -56,12 +57,19 @@ struct Fidelity {
 
 double diagonalOf(const TriMesh& mesh);  // of the bounding box
 
+// Whether a measurement at few places leaves no doubt that one at many finds everything within the target, and the root
+// mean square within `share` of it: three standard errors above what was found, and none beyond max_mm. For choices on
+// the way; what is told of a bake is measured at many places.
+bool surelyWithin(const Fidelity& few, double share);
+
 // What several measurements of a scan share. The mesh must outlive it unchanged. samples: in each direction; 0 is
 // 50,000, or for less than 1,000 triangles 50 each and 10,000 at least (of 10,000 one may lie beyond: kMaxAreaBeyond).
 // workers: 0 is one for each core. runs: of the mesh, made before; or empty.
 class FidelityScan {
  public:
   FidelityScan(const TriMesh& mesh, int workers, uint64_t samples = 0, std::shared_ptr<const TriangleRuns> runs = {});
+  // Fewer samples of the same scan, and no vertices.
+  static FidelityScan fewer(const FidelityScan& scan, int workers, uint64_t samples);
   const TriMesh& mesh() const { return *mesh_; }
   const ClosestSearch& search() const { return search_; }
   double diagonalMm() const { return diagonal_mm_; }
@@ -71,6 +79,9 @@ class FidelityScan {
   size_t areaSamples() const { return area_samples_; }
 
  private:
+  enum class Vertices : uint8_t { kTaken, kLeftOut };
+  FidelityScan(const TriMesh& mesh, int workers, uint64_t samples, std::shared_ptr<const TriangleRuns> runs,
+               Vertices vertices);
   const TriMesh* mesh_;
   ClosestSearch search_;
   double diagonal_mm_;
@@ -83,6 +94,8 @@ struct FidelityOptions {
   int workers = 0;
   uint64_t memory_bytes = 0;  // as DistanceOptions has it
   const std::atomic<bool>* interrupted = nullptr;
+  // The drawn surface in more blocks than are needed, which are found sooner: for bakes that are measured often.
+  bool soon = false;
 };
 // Error: kInterrupted.
 Result<Fidelity> measureFidelity(const FidelityScan& scan, const MeshBake& baked, const FidelityTarget& target,

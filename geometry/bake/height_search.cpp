@@ -15,8 +15,8 @@ namespace {
 
 constexpr int kMaxAutoCellsLog2 = 10;
 constexpr uint64_t kMaxSamples = uint64_t{1} << 32;
-// Numbers of lines: below the first, tracing takes seconds; above the second, minutes.
-constexpr double kCheapLines = 1 << 23, kMaxLines = 1 << 26;
+// Numbers of lines: below the first, tracing takes a second; above the second, minutes.
+constexpr double kCheapLines = 1 << 22, kMaxLines = 1 << 26;
 
 class HeightSearch {
  public:
@@ -49,7 +49,7 @@ class HeightSearch {
     while (log2 < kMaxAutoCellsLog2 && count(log2) < min_samples) ++log2;
     return log2;
   }
-  // The grid that is traced for a fit: 16 times as many lines as samples where that takes seconds only (0.5 dB better
+  // The grid that is traced for a fit: 16 times as many lines as samples where that takes a second only (0.5 dB better
   // than 4 times), otherwise 4 times as many; the samples alone where more would take minutes, or would only find the
   // scan's own triangles again.
   int tracedLog2(int log2) const {

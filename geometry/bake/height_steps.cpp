@@ -2,10 +2,12 @@
 
 #include <algorithm>
 #include <bit>
+#include <cmath>
 #include <cstdlib>
 
 #include "src/artwork/relief_lattice.h"
 #include "src/base/parallel_for.h"
+#include "src/base/simd_dispatch.h"
 
 namespace relievo {
 namespace {
@@ -67,6 +69,62 @@ std::optional<std::vector<uint16_t>> steppedHeights(const BakeContext& context, 
       });
   if (!done) return std::nullopt;
   return out;
+}
+
+namespace {
+
+// Twelve times the sum over a grid's cells of the mean squares of what is linear on their two triangles, which meet
+// along the diagonal (0,0)-(1,1). Of a triangle with a, b and c at its corners that mean is (a a + b b + c c + a b + b
+// c
+// + c a) / 6.
+RELIEVO_SIMD_CLONES double squaresOnCells(const int* grid, size_t row) noexcept {
+  double sum = 0;
+  for (size_t y = 0; y + 1 < row; ++y) {
+    const int *above = grid + y * row, *below = above + row;
+    int64_t squares = 0;
+    for (size_t x = 0; x + 1 < row; ++x) {
+      const int64_t a = above[x], b = above[x + 1], c = below[x], d = below[x + 1];
+      squares += 2 * (a * a + d * d + a * d) + b * b + c * c + (a + d) * (b + c);
+    }
+    sum += static_cast<double>(squares);
+  }
+  return sum;
+}
+
+}  // namespace
+
+double rmsOfChange(const BakeContext& context, std::span<const uint16_t> before, std::span<const uint16_t> after,
+                   int cells_log2) {
+  const SampleLayout& l = context.layout;
+  const size_t n = size_t{1} << cells_log2, row = n + 1;
+  struct Scratch {
+    std::vector<uint16_t> before, after;
+    std::vector<int> change;
+  };
+  std::vector<double> squares(l.patches);
+  const bool done = parallelForWith(
+      l.patches, context.workers, context.interrupted,
+      [&] {
+        return Scratch{std::vector<uint16_t>(row * row), std::vector<uint16_t>(row * row), std::vector<int>(row * row)};
+      },
+      [&](Scratch& s, size_t patch) {
+        l.gather<uint16_t>(context.base, static_cast<uint32_t>(patch), n - 1, before, s.before);
+        l.gather<uint16_t>(context.base, static_cast<uint32_t>(patch), n - 1, after, s.after);
+        for (size_t i = 0; i < row * row; ++i) s.change[i] = int{s.after[i]} - s.before[i];
+        squares[patch] = squaresOnCells(s.change.data(), row) / (12.0 * static_cast<double>(n * n));
+      });
+  if (!done) return 0;
+  double sum = 0, area = 0;
+  for (size_t patch = 0; patch < l.patches; ++patch) {
+    const auto& c = context.base.patches[patch];
+    const glm::dvec3 p = context.cornerPoint(c[0]).position;
+    const double of_patch =
+        glm::length(glm::cross(context.cornerPoint(c[3]).position - p,
+                               context.cornerPoint(c[2]).position - context.cornerPoint(c[1]).position));
+    sum += of_patch * squares[patch];
+    area += of_patch;
+  }
+  return area > 0 ? std::sqrt(sum / area) : 0;
 }
 
 }  // namespace relievo

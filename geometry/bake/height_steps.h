@@ -17,4 +17,10 @@ namespace relievo {
 std::optional<std::vector<uint16_t>> steppedHeights(const BakeContext& context, std::span<const uint16_t> heights,
                                                     int cells_log2, int step);
 
+// How far stepped heights lie from what they were, in the heights' unit: the root mean square over the base's area,
+// between samples, too. That is how far the surface moves where it is as steep as the base; it moves less where it is
+// steeper. 0 if interrupted.
+double rmsOfChange(const BakeContext& context, std::span<const uint16_t> before, std::span<const uint16_t> after,
+                   int cells_log2);
+
 }  // namespace relievo

@@ -11,18 +11,20 @@
 #include "geometry/mesh/triangle_point.h"
 #include "src/artwork/patch_domain.h"
 #include "src/base/parallel_for.h"
+#include "src/base/simd_dispatch.h"
 
 namespace relievo {
 
-MeasuredSurface::MeasuredSurface(const MeshBake& baked, double tolerance_mm, int workers,
+MeasuredSurface::MeasuredSurface(const MeshBake& baked, double tolerance_mm, Blocks choice, int workers,
                                  const std::atomic<bool>* interrupted)
     : baked_(baked), workers_(workers), interrupted_(interrupted) {
-  // A grid that has all samples says the same as the finest where what it leaves out decides about no block.
-  constexpr double kLeftOut = 0.05;
+  // A grid that has all samples says the same as the finest where what it leaves out decides about no block. A larger
+  // share may be taken off the tolerance instead.
+  constexpr double kLeftOut = 0.05, kTakenOff = 0.25;
   blocks_.resize(baked.base().patches.size());
   triangles_.resize(blocks_.size());
   struct Scratch {
-    std::vector<SurfaceGrid> finest;  // by cells_log2
+    std::vector<SurfaceGrid> grids;  // by cells_log2
     GridErrorScratch errors;
     std::vector<std::vector<uint8_t>> within, surely;
   };
@@ -30,16 +32,22 @@ MeasuredSurface::MeasuredSurface(const MeshBake& baked, double tolerance_mm, int
       blocks_.size(), workers, interrupted, [&] { return Scratch{}; },
       [&](Scratch& s, size_t patch) {
         const BetweenSamples between = baked_.betweenSamples(static_cast<uint32_t>(patch));
-        auto lookAt = [&](int log2) {
-          for (int k = static_cast<int>(s.finest.size()); k <= log2; ++k) s.finest.emplace_back(k);
-          SurfaceGrid& finest = s.finest[static_cast<size_t>(log2)];
-          baked_.surface(static_cast<uint32_t>(patch), finest);
-          blocksWithin(finest, tolerance_mm, s.errors, s.within);
-          if (log2 == between.finest_log2) return true;
-          blocksWithin(finest, tolerance_mm - between.mm(log2), s.errors, s.surely);
-          return s.within == s.surely;
+        auto grid = [&](int log2) -> const SurfaceGrid& {
+          for (int k = static_cast<int>(s.grids.size()); k <= log2; ++k) s.grids.emplace_back(k);
+          baked_.surface(static_cast<uint32_t>(patch), s.grids[static_cast<size_t>(log2)]);
+          return s.grids[static_cast<size_t>(log2)];
         };
-        if (!lookAt(between.coarsestWithin(kLeftOut * tolerance_mm))) lookAt(between.finest_log2);
+        const int log2 = between.coarsestWithin((choice == Blocks::kSoon ? kTakenOff : kLeftOut) * tolerance_mm);
+        const SurfaceGrid& first = grid(log2);
+        if (choice == Blocks::kSoon) {
+          blocksWithin(first, tolerance_mm - between.mm(log2), s.errors, s.within);
+        } else {
+          blocksWithin(first, tolerance_mm, s.errors, s.within);
+          if (log2 < between.finest_log2) {
+            blocksWithin(first, tolerance_mm - between.mm(log2), s.errors, s.surely);
+            if (s.within != s.surely) blocksWithin(grid(between.finest_log2), tolerance_mm, s.errors, s.within);
+          }
+        }
         blocks_[patch] = blocksOf(s.within);
         for (const Block& b : blocks_[patch]) triangles_[patch] += uint64_t{2} * b.cells * b.cells;
       });
@@ -155,9 +163,10 @@ MeasuredSurface::Part MeasuredSurface::part(size_t first, size_t end, double are
   return out;
 }
 
-double MeasuredSurface::Part::distance(const glm::dvec3& place, double within, size_t& row) const {
+RELIEVO_SIMD_CLONES double MeasuredSurface::Part::distance(const glm::dvec3& place, double within, size_t& row,
+                                                           double enough) const noexcept {
   static_assert(kMostBlockCells <= BoxGroup::kBoxes);
-  return closestByBoxes(boxes_, place, within, row, [&](size_t i, const SearchReach& reach) {
+  return closestByBoxes(boxes_, place, within, enough, row, [&](size_t i, const SearchReach& reach) {
     const size_t cells = rows_[i].cells;
     const glm::vec3 *a = vertices_.data() + rows_[i].first_vertex, *c = a + cells + 1;
     BoxGroup boxes;
@@ -178,27 +187,32 @@ double MeasuredSurface::Part::distance(const glm::dvec3& place, double within, s
 }
 
 void MeasuredSurface::addSamples(const Part& part, double whole_area, size_t count, const glm::dvec3& shift,
-                                 std::vector<glm::dvec3>& out) {
+                                 int workers, std::vector<glm::dvec3>& out) {
+  constexpr size_t kSamplesPerJob = 1024;
   const AreaSamples samples(whole_area, count);
-  const size_t end = samples.firstAt(part.areaAfter());
+  const size_t first = samples.firstAt(part.areaBefore()), end = samples.firstAt(part.areaAfter()), from = out.size();
+  if (end <= first) return;
   const std::vector<double>& before = part.area_before_;
-  for (size_t k = samples.firstAt(part.areaBefore()); k < end; ++k) {
-    const double area = samples.areaBefore(k);
-    const size_t row =
-        std::min(static_cast<size_t>(std::upper_bound(before.begin(), before.end(), area) - before.begin()) - 1,
-                 part.rows_.size() - 1);
-    double so_far = before[row];
-    TriangleCorners at{};
-    bool found = false;
-    part.forEachTriangle(part.rows_[row], [&](const TriangleCorners& t) {
-      if (found) return;
-      at = t;
-      so_far += doubleAreaOf(t);
-      found = area < so_far;
-    });
-    const glm::dvec2 w = pointInTriangle(k);
-    out.push_back(at.a + w.x * (at.b - at.a) + w.y * (at.c - at.a) + shift);
-  }
+  out.resize(from + end - first);
+  parallelFor((end - first + kSamplesPerJob - 1) / kSamplesPerJob, workers, nullptr, [&](size_t job) {
+    for (size_t k = first + job * kSamplesPerJob; k < std::min(end, first + (job + 1) * kSamplesPerJob); ++k) {
+      const double area = samples.areaBefore(k);
+      const size_t row =
+          std::min(static_cast<size_t>(std::upper_bound(before.begin(), before.end(), area) - before.begin()) - 1,
+                   part.rows_.size() - 1);
+      double so_far = before[row];
+      TriangleCorners at{};
+      bool found = false;
+      part.forEachTriangle(part.rows_[row], [&](const TriangleCorners& t) {
+        if (found) return;
+        at = t;
+        so_far += doubleAreaOf(t);
+        found = area < so_far;
+      });
+      const glm::dvec2 w = pointInTriangle(k);
+      out[from + k - first] = at.a + w.x * (at.b - at.a) + w.y * (at.c - at.a) + shift;
+    }
+  });
 }
 
 }  // namespace relievo

@@ -12,13 +12,17 @@
 
 #include "geometry/bake/mesh_bake.h"
 #include "geometry/mesh/box_tree.h"
+#include "geometry/mesh/closest_search.h"
 
 namespace relievo {
 
 class MeasuredSurface {
  public:
+  // The fewest blocks within the tolerance; or, in a quarter of the time, some more.
+  enum class Blocks : uint8_t { kFewest, kSoon };
   // Chooses the blocks. Incomplete if it was interrupted.
-  MeasuredSurface(const MeshBake& baked, double tolerance_mm, int workers, const std::atomic<bool>* interrupted);
+  MeasuredSurface(const MeshBake& baked, double tolerance_mm, Blocks choice, int workers,
+                  const std::atomic<bool>* interrupted);
 
   // The blocks of consecutive patches. 10 bytes a triangle: the vertices, and boxes of rows of cells. Every row of a
   // block is a part of the search (geometry/mesh/closest_search.h).
@@ -26,7 +30,7 @@ class MeasuredSurface {
    public:
     const Box& box() const { return box_; }
     // As closestByBoxes() has it.
-    double distance(const glm::dvec3& place, double within, size_t& row) const;
+    double distance(const glm::dvec3& place, double within, size_t& row, double enough = kNeverEnough) const noexcept;
     // Twice the summed areas of the triangles before the part, and with them.
     double areaBefore() const { return area_before_.front(); }
     double areaAfter() const { return area_before_.back(); }
@@ -50,7 +54,7 @@ class MeasuredSurface {
   Part part(size_t first, size_t end, double area_before) const;
 
   // Appends the samples on a part when `count` are spread over the whole surface, moved by `shift`.
-  static void addSamples(const Part& part, double whole_area, size_t count, const glm::dvec3& shift,
+  static void addSamples(const Part& part, double whole_area, size_t count, const glm::dvec3& shift, int workers,
                          std::vector<glm::dvec3>& out);
 
  private:

@@ -76,7 +76,7 @@ std::vector<std::vector<GridErrors>> errorsOfPatches(const BakeContext& context,
                                                      double tolerance_mm, const std::function<void(double)>& progress) {
   // Of the tolerance, and of the shapes, which packages round to sevenths. Packages keep no shape of errors up to half
   // the RMS that is aimed at (PatchSource::slightErrorMm()).
-  constexpr double kNegligible = 1.0 / 32, kNegligibleTurn = 1.0 / 32, kSlight = 0.15;
+  constexpr double kNegligible = 1.0 / 16, kNegligibleTurn = 1.0 / 16, kSlight = 0.15;
   struct Scratch {
     std::vector<SurfaceGrid> grids;  // by cells_log2
     GridErrorScratch errors;
@@ -211,6 +211,12 @@ Result<void> MeshBake::setStep(double step_mm) {
   b.baked.stepped = step > 1;
   b.errors.clear();
   return b.always_errors ? findErrors() : Result<void>();
+}
+
+double MeshBake::stepChangeMm() const {
+  const Impl& b = *impl_;
+  if (!b.baked.stepped) return 0;
+  return b.baked.scale_mm * rmsOfChange(b.context, b.exact, b.baked.samples, b.baked.cells_log2);
 }
 
 Result<void> MeshBake::findErrors() { return impl_->findErrors({}) ? Result<void>() : interruptedError(); }

@@ -124,6 +124,8 @@ class MeshBake {
   // few bytes for them; of the heights that were baked, however often it is called. 0: these themselves. No other
   // thread may look at the bake meanwhile. The error: kInterrupted.
   Result<void> setStep(double step_mm);
+  // How far the heights moved by that, in mm along the base's normals: the root mean square over the base's area.
+  double stepChangeMm() const;
   // For BakeOptions::errors = false; setStep() forgets what was found. The error: kInterrupted.
   Result<void> findErrors();
   double errorUnitMm() const;

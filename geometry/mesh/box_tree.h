@@ -5,6 +5,8 @@
 #include <array>
 #include <cmath>
 #include <cstddef>
+#include <cstdint>
+#include <cstring>
 #include <limits>
 #include <vector>
 
@@ -53,8 +55,25 @@ struct BoxGroup {
   Box box(size_t lane) const {
     return {{low[0][lane], low[1][lane], low[2][lane]}, {high[0][lane], high[1][lane], high[2][lane]}};
   }
-  // Of p from each box, in single precision: compare with SearchReach::squared().
-  Lanes squaredDistances(const glm::vec3& p) const noexcept;
+  // Of p from each box, in single precision: compare with SearchReach::squared(). p is clamped to the box, which takes
+  // two instructions for a vector of boxes; the distance beyond a side takes comparisons with 0. Vectors by name:
+  // compilers turn loops over so few lanes into branches and single floats.
+  Lanes squaredDistances(const glm::vec3& p) const noexcept {
+    typedef float Vector __attribute__((vector_size(sizeof(Lanes))));
+    const std::array<float, 3> place{p.x, p.y, p.z};
+    Vector sum{};
+    for (size_t axis = 0; axis < 3; ++axis) {
+      Vector below, above;
+      std::memcpy(&below, low[axis].data(), sizeof below);
+      std::memcpy(&above, high[axis].data(), sizeof above);
+      const Vector at = place[axis] - Vector{};
+      const Vector from = at < below ? below : at, inside = from > above ? above : from, away = inside - at;
+      sum += away * away;
+    }
+    Lanes out;
+    std::memcpy(out.data(), &sum, sizeof sum);
+    return out;
+  }
 };
 
 // A place from which boxes are searched in single precision, and how far. No box within the distance is missed.
@@ -67,6 +86,8 @@ class SearchReach {
     const double reach = distance * (1 + kRounding) + slack_;
     squared_ = static_cast<float>(reach * reach * (1 + kRounding));
   }
+  // Nothing is near enough from here on.
+  void end() { squared_ = -1; }
   // A box whose BoxGroup::squaredDistances() is larger than this lies beyond the distance.
   float squared() const { return squared_; }
 
@@ -102,7 +123,33 @@ class BoxTree {
   // little further away; about the nearest first.
   template <class Visit>
   void nearToFar(const SearchReach& reach, Visit visit) const {
-    if (parts_ > 0) descendNearToFar(levels_.size() - 1, 0, reach, visit);
+    // A stack instead of recursion, so that functions compiled for several machines (simd_dispatch.h) have it inlined.
+    struct Pending {
+      float squared;
+      uint32_t level;
+      size_t group;
+    };
+    std::array<Pending, kMostPending> pending;
+    size_t count = 0;
+    if (parts_ > 0) pending[count++] = {0, static_cast<uint32_t>(levels_.size() - 1), 0};
+    while (count > 0) {
+      const Pending at = pending[--count];
+      if (!(at.squared <= reach.squared())) continue;
+      const BoxGroup::Lanes squared = levels_[at.level][at.group].squaredDistances(reach.place());
+      std::array<size_t, kFan> near;  // lanes
+      size_t lanes = 0;
+      for (size_t lane = 0, boxes = boxesIn(at.level, at.group); lane < boxes; ++lane) {
+        if (!(squared[lane] <= reach.squared())) continue;
+        size_t place = lanes++;
+        for (; place > 0 && squared[near[place - 1]] > squared[lane]; --place) near[place] = near[place - 1];
+        near[place] = lane;
+      }
+      if (at.level > 0) {
+        for (size_t k = lanes; k-- > 0;) pending[count++] = {squared[near[k]], at.level - 1, at.group * kFan + near[k]};
+      } else {
+        for (size_t k = 0; k < lanes && squared[near[k]] <= reach.squared(); ++k) visit(at.group * kFan + near[k]);
+      }
+    }
   }
   size_t nearest(const glm::dvec3& place) const {
     size_t best = 0;
@@ -117,6 +164,7 @@ class BoxTree {
 
  private:
   static constexpr size_t kFan = BoxGroup::kBoxes;
+  static constexpr size_t kMostPending = 22 * kFan;  // 8^22 parts are beyond 64 bits
   static std::vector<BoxGroup> groupsOf(const std::vector<Box>& boxes) {
     std::vector<BoxGroup> groups((boxes.size() + kFan - 1) / kFan);
     for (size_t i = 0; i < boxes.size(); ++i) groups[i / kFan].set(i % kFan, boxes[i]);
@@ -134,23 +182,6 @@ class BoxTree {
       if (!wanted(boxes.box(lane))) continue;
       if (level == 0) visit(group * kFan + lane);
       else descend(level - 1, group * kFan + lane, wanted, visit);
-    }
-  }
-  template <class Visit>
-  void descendNearToFar(size_t level, size_t group, const SearchReach& reach, Visit& visit) const {
-    const BoxGroup::Lanes squared = levels_[level][group].squaredDistances(reach.place());
-    std::array<size_t, kFan> near;  // lanes
-    size_t count = 0;
-    for (size_t lane = 0, boxes = boxesIn(level, group); lane < boxes; ++lane) {
-      if (!(squared[lane] <= reach.squared())) continue;
-      size_t at = count++;
-      for (; at > 0 && squared[near[at - 1]] > squared[lane]; --at) near[at] = near[at - 1];
-      near[at] = lane;
-    }
-    for (size_t k = 0; k < count && squared[near[k]] <= reach.squared(); ++k) {
-      const size_t box = group * kFan + near[k];
-      if (level == 0) visit(box);
-      else descendNearToFar(level - 1, box, reach, visit);
     }
   }
   size_t parts_ = 0;

@@ -15,17 +15,18 @@
 
 #include "geometry/mesh/box_tree.h"
 #include "geometry/mesh/tri_mesh.h"
-#include "geometry/mesh/triangle_point.h"
 #include "geometry/mesh/triangle_runs.h"
 
 namespace relievo {
 
 // The search itself: `distanceTo(part, reach)` is that to what lies in a part's box and within the reach; what lies
 // beyond may be left out. The least distance, at most `within`; infinite: nothing is as near. part: where the search
-// begins, and receives the nearest; kNoPart: nothing is known.
+// begins, and receives the nearest; kNoPart: nothing is known. A distance of at most `enough` ends the search: the
+// least may be less.
 constexpr size_t kNoPart = ~size_t{0};
+constexpr double kNeverEnough = -1;
 template <class DistanceTo>
-double closestByBoxes(const BoxTree& boxes, const glm::dvec3& place, double within, size_t& part,
+double closestByBoxes(const BoxTree& boxes, const glm::dvec3& place, double within, double enough, size_t& part,
                       DistanceTo distanceTo) {
   double best = std::numeric_limits<double>::infinity();
   SearchReach reach(place);
@@ -36,7 +37,8 @@ double closestByBoxes(const BoxTree& boxes, const glm::dvec3& place, double with
     if (!(distance <= within) || !(distance < best)) return;
     best = distance;
     part = i;
-    reach.set(distance);
+    if (distance <= enough) reach.end();
+    else reach.set(distance);
   };
   if (first != kNoPart) visit(first);
   boxes.nearToFar(reach, [&](size_t i) {
@@ -53,27 +55,9 @@ class ClosestSearch {
   ClosestSearch(const TriMesh& mesh, int workers)
       : ClosestSearch(std::make_shared<const TriangleRuns>(mesh, workers)) {}
   const TriangleRuns& runs() const { return *runs_; }
+  const std::shared_ptr<const TriangleRuns>& sharedRuns() const { return runs_; }
   // As closestByBoxes() has it; parts are runs.
-  double distance(const glm::dvec3& place, double within, size_t& part) const {
-    const TriangleRuns& runs = *runs_;
-    return closestByBoxes(runs.boxes(), place, within, part, [&](size_t run, const SearchReach& reach) {
-      const size_t count = runs.sizeOf(run);
-      double least = std::numeric_limits<double>::infinity();
-      for (size_t from = 0; from < count; from += BoxGroup::kBoxes) {
-        // Of a run's triangles few lie as near as its box.
-        BoxGroup boxes;
-        const size_t triangles = std::min(BoxGroup::kBoxes, count - from);
-        for (size_t i = 0; i < triangles; ++i) boxes.set(i, runs.boxOf(runs.triangle(run, from + i)));
-        const BoxGroup::Lanes squared = boxes.squaredDistances(reach.place());
-        for (size_t i = 0; i < triangles; ++i) {
-          if (squared[i] > reach.squared()) continue;
-          least =
-              std::min(least, closestOnTriangle(cornersOf(runs.mesh(), runs.triangle(run, from + i)), place).distance);
-        }
-      }
-      return least;
-    });
-  }
+  double distance(const glm::dvec3& place, double within, size_t& part, double enough = kNeverEnough) const noexcept;
 
  private:
   std::shared_ptr<const TriangleRuns> runs_;

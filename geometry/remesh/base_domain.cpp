@@ -108,6 +108,7 @@ bool isSet(const std::atomic<bool>* interrupted) { return interrupted && interru
 
 struct BaseMeshBuilder {
   TriangleMesh surface;
+  RegionTables tables;  // of the surface
   size_t pieces;
   double area;
   ScanSurface scan;
@@ -121,6 +122,7 @@ struct BaseMeshBuilder {
   double crease_length_per_node = 0;  // findFeatureCurves()
   bool follow_folds = false;          // SimplifyOptions
   const std::atomic<bool>* interrupted;
+  int workers;
 
   // A grid over a four-sided sheet; empty if the scan is none, or its border deviates from the grid too far.
   Candidate makeSheet(uint32_t patches) const {
@@ -132,11 +134,11 @@ struct BaseMeshBuilder {
     for (uint32_t tries = 0; tries < 4; ++tries, multiple *= 2) {
       Candidate c{.quads = sheetQuads(curves, pieces, scan, patches, multiple)};
       if (c.empty()) break;
-      c.regions = cornerRegions(c.quads, surface, scan);
+      c.regions = cornerRegions(c.quads, tables, scan);
       if (isRelief(view_direction)) {
         for (const auto v : c.quads.vertices()) c.quads.set_normal(v, view_direction.direction);
       } else {
-        assignNormals(c.quads, surface, c.regions, scan);
+        assignNormals(c.quads, tables, c.regions, scan);
       }
       c.deviation = borderDeviation(c.quads, curves, allowed_deviation);
       if (c.deviation <= 0) return c;
@@ -177,10 +179,10 @@ struct BaseMeshBuilder {
       if (isSet(interrupted)) return {};
       if (round) relaxQuads(c.quads, curves, scan, 8);
       if (round == 3) fitBorderCorners(c.quads, curves, allowed_deviation);
-      c.regions = cornerRegions(c.quads, surface, scan);
-      placeCorners(c.quads, surface, c.regions, scan);
+      c.regions = cornerRegions(c.quads, tables, scan);
+      placeCorners(c.quads, tables, c.regions, scan);
     }
-    assignNormals(c.quads, surface, c.regions, scan);
+    assignNormals(c.quads, tables, c.regions, scan);
     untangleQuads(c.quads, curves, scan);
     return c;
   }
@@ -201,7 +203,7 @@ struct BaseMeshBuilder {
   // there.
   void evaluate(Candidate& c, std::vector<float>& weight, bool detailed) const {
     const size_t cells = detailed ? std::max(kEvaluationCells, 40 * c.quads.n_faces()) : kEvaluationCells;
-    const Fit fit = measureFit(c.quads, surface, scan, cells, detailed);
+    const Fit fit = measureFit(c.quads, surface, scan, cells, detailed, workers);
     for (const auto v : c.quads.vertices()) {
       c.folded += isFolded(c.quads, v);
       c.flat += v.is_boundary() && !c.quads.data(v).fixed && minSine(c.quads, v) < kFlatSine;
@@ -423,17 +425,21 @@ double creaseLengthPerNode(double area, uint32_t patches) {
 
 // reduced_scan must outlive the result and not move.
 Result<BaseMeshBuilder> builderOf(ReducedScan& reduced_scan, size_t scan_vertices, uint32_t max_patches,
-                                  const std::atomic<bool>* interrupted) {
+                                  const std::atomic<bool>* interrupted, int workers) {
   auto scene = RayScene::create(reduced_scan.triangles, interrupted);
   if (!scene) return scene.error();
   reduced_scan.scene = std::move(*scene);
-  BaseMeshBuilder builder{.surface = halfEdgeMeshOf(reduced_scan.reduced.surface),
+  TriangleMesh half_edges = halfEdgeMeshOf(reduced_scan.reduced.surface);
+  RegionTables tables(half_edges);
+  BaseMeshBuilder builder{.surface = std::move(half_edges),
+                          .tables = std::move(tables),
                           .pieces = reduced_scan.reduced.surface.pieces.size(),
                           .area = areaOf(reduced_scan.reduced.surface),
                           .scan = {reduced_scan.triangles, *reduced_scan.scene},
                           .view_direction = reduced_scan.view_direction,
                           .scan_vertices = scan_vertices,
-                          .interrupted = interrupted};
+                          .interrupted = interrupted,
+                          .workers = workers};
   builder.crease_length_per_node = creaseLengthPerNode(builder.area, max_patches);
   builder.curves = findFeatureCurves(reduced_scan.borders, reduced_scan.reduced.vertex, builder.crease_length_per_node,
                                      builder.surface);
@@ -465,8 +471,8 @@ struct BaseDomain::Impl {
     auto made = reduceScan(mesh, options, target_triangles, patches, known);
     if (!made) return made.error();
     auto next = std::make_unique<ReducedScan>(std::move(*made));
-    auto made_builder =
-        builderOf(*next, mesh.positions_mm.size(), std::max(patches, std::end(kPatchCounts)[-1]), options.interrupted);
+    auto made_builder = builderOf(*next, mesh.positions_mm.size(), std::max(patches, std::end(kPatchCounts)[-1]),
+                                  options.interrupted, options.workers);
     if (!made_builder) return made_builder.error();
     // Transfer the weights found so far to the new surface.
     std::vector<float> moved(next->triangles.positions_mm.size(), 1.0f);
@@ -486,7 +492,7 @@ struct BaseDomain::Impl {
   }
   // Finds the creases that smaller patches can follow.
   Result<void> findMoreCreases(uint32_t patches) {
-    auto made = builderOf(*reduced_scan, mesh.positions_mm.size(), patches, options.interrupted);
+    auto made = builderOf(*reduced_scan, mesh.positions_mm.size(), patches, options.interrupted, options.workers);
     if (!made) return made.error();
     builder.emplace(std::move(*made));
     return {};
@@ -585,7 +591,7 @@ Result<Candidate> BaseDomain::Impl::bestOfTries(uint32_t patches, uint32_t max_p
 // The number of patches at which those where the factor is 1 keep their size.
 uint32_t BaseDomain::Impl::patchCountFor(const std::vector<float>& factor) const {
   const auto& quads = last.quads;
-  const Regions regions = last.regions.empty() ? cornerRegions(quads, builder->surface, builder->scan) : last.regions;
+  const Regions regions = last.regions.empty() ? cornerRegions(quads, builder->tables, builder->scan) : last.regions;
   std::vector<double> finer(quads.n_vertices(), 0), count(quads.n_vertices(), 0);
   for (size_t v = 0; v < factor.size(); ++v) {
     if (!regions[v].is_valid()) continue;

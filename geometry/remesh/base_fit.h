@@ -11,7 +11,7 @@ namespace relievo {
 
 struct Fit {
   // For each vertex of the surface its distance from the displaced base, or the base's distance from it beyond a
-  // border.
+  // border; 1 where the former is clearly more than kMaxFitDistance.
   std::vector<float> vertex_error;
   // The share of the surface's area beyond kMaxFitDistance, plus that of the base's area that has no counterpart in the
   // scan.
@@ -21,9 +21,9 @@ struct Fit {
 inline constexpr float kMaxFitDistance = 2e-3f;
 
 // Displaces the base at `cells` cells. detailed: cells are distributed by the patches' area, and surface that spans
-// from one part of the scan to another counts as lost.
-Fit measureFit(const QuadMesh& quads, const TriangleMesh& surface, const ScanSurface& scan, size_t cells,
-               bool detailed);
+// from one part of the scan to another counts as lost. workers: 0 is one for each core.
+Fit measureFit(const QuadMesh& quads, const TriangleMesh& surface, const ScanSurface& scan, size_t cells, bool detailed,
+               int workers);
 // Raises the weights (SimplifyOptions::weight) where the surface is lost or next to folded corners, so that patches get
 // smaller there.
 void raiseWeights(const Fit& fit, const QuadMesh& quads, const TriangleMesh& surface, const Regions& regions,

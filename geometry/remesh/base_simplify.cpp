@@ -4,7 +4,6 @@
 #include <cmath>
 #include <numbers>
 #include <optional>
-#include <queue>
 #include <vector>
 
 #include "geometry/remesh/normal_cone.h"
@@ -68,13 +67,81 @@ struct CollapseTarget {
 
 struct CollapseCandidate {
   double cost;
-  EdgeHandle edge;
   VertexHandle low, high;  // the edge's ends
-  uint32_t version;
-  bool operator<(const CollapseCandidate& o) const {  // the cheapest comes first out of std::priority_queue
-    if (cost != o.cost) return cost > o.cost;
-    return low != o.low ? o.low < low : o.high < high;
+  bool operator<(const CollapseCandidate& o) const {
+    if (cost != o.cost) return cost < o.cost;
+    return low != o.low ? low < o.low : high < o.high;
   }
+};
+
+// At most one candidate for each edge; the cheapest comes first. A heap that knows where each edge's is.
+class CollapseQueue {
+ public:
+  explicit CollapseQueue(size_t edges) : place_(edges, kNone), candidates_(edges) {}
+  bool empty() const { return heap_.empty(); }
+  void set(EdgeHandle edge, const CollapseCandidate& candidate) {
+    const auto e = static_cast<uint32_t>(edge.idx());
+    candidates_[e] = candidate;
+    if (place_[e] == kNone) {
+      heap_.push_back(e);
+      place_[e] = static_cast<uint32_t>(heap_.size() - 1);
+      rise(place_[e]);
+    } else {
+      rise(place_[e]);
+      sink(place_[e]);
+    }
+  }
+  void remove(EdgeHandle edge) {
+    const uint32_t at = place_[static_cast<size_t>(edge.idx())];
+    if (at == kNone) return;
+    place_[heap_[at]] = kNone;
+    const uint32_t last = heap_.back();
+    heap_.pop_back();
+    if (at == heap_.size()) return;
+    heap_[at] = last;
+    place_[last] = at;
+    rise(at);
+    sink(place_[last]);
+  }
+  EdgeHandle takeFirst() {
+    const EdgeHandle edge(static_cast<int>(heap_[0]));
+    remove(edge);
+    return edge;
+  }
+  void clear() {
+    for (uint32_t e : heap_) place_[e] = kNone;
+    heap_.clear();
+  }
+
+ private:
+  static constexpr uint32_t kNone = ~uint32_t{0};
+  static constexpr uint32_t kFan = 4;
+  bool before(uint32_t a, uint32_t b) const { return candidates_[a] < candidates_[b]; }
+  void put(uint32_t at, uint32_t edge) {
+    heap_[at] = edge;
+    place_[edge] = at;
+  }
+  void rise(uint32_t at) {
+    const uint32_t edge = heap_[at];
+    for (; at > 0 && before(edge, heap_[(at - 1) / kFan]); at = (at - 1) / kFan) put(at, heap_[(at - 1) / kFan]);
+    put(at, edge);
+  }
+  void sink(uint32_t at) {
+    const uint32_t edge = heap_[at], size = static_cast<uint32_t>(heap_.size());
+    for (;;) {
+      const uint32_t first = kFan * at + 1;
+      if (first >= size) break;
+      uint32_t least = first;
+      for (uint32_t k = first + 1; k < std::min(first + kFan, size); ++k)
+        if (before(heap_[k], heap_[least])) least = k;
+      if (!before(heap_[least], edge)) break;
+      put(at, heap_[least]);
+      at = least;
+    }
+    put(at, edge);
+  }
+  std::vector<uint32_t> heap_, place_;  // edges; for each edge its place in the heap
+  std::vector<CollapseCandidate> candidates_;
 };
 
 Corners cornersAfter(const TriangleMesh& m, const SmartFaceHandle& f, const SmartVertexHandle& moved,
@@ -90,8 +157,7 @@ struct Simplifier {
   const SimplifyOptions& options;
   std::vector<Quadric> quadrics;  // for each vertex
   std::vector<NormalCone> cones;  // for each vertex: the normals of the surface that collapsed into it
-  std::vector<uint32_t> version;  // for each edge: that of its last candidate
-  std::priority_queue<CollapseCandidate> queue;
+  CollapseQueue queue;
   size_t live_triangles;  // not yet removed
   // Limits of the triangles around a collapse. They are relaxed when no collapse is left.
   double min_normal_cosine = 0.3, min_shape = 0.15;
@@ -103,7 +169,7 @@ struct Simplifier {
         options(opts),
         quadrics(m.n_vertices()),
         cones(m.n_vertices()),
-        version(m.n_edges(), 0),
+        queue(m.n_edges()),
         live_triangles(m.n_faces()) {
     const double flat = options.uncertainty * options.uncertainty;
     for (const auto f : m.faces()) {
@@ -192,9 +258,9 @@ struct Simplifier {
   }
 
   void push(const SmartEdgeHandle& edge) {
-    const uint32_t current_version = ++version[edge.idx()];
     if (const auto target = collapseTargetOf(edge))
-      queue.push({target->cost, edge, std::min(edge.v0(), edge.v1()), std::max(edge.v0(), edge.v1()), current_version});
+      queue.set(edge, {target->cost, std::min(edge.v0(), edge.v1()), std::max(edge.v0(), edge.v1())});
+    else queue.remove(edge);
   }
 
   // Is the border's deviation from its feature curve still allowed without the removed vertex?
@@ -283,15 +349,13 @@ struct Simplifier {
       for (const auto e : m.edges()) push(e);
       while (live_triangles > options.triangles && !queue.empty()) {
         if (options.interrupted && options.interrupted->load(std::memory_order_relaxed)) return;
-        const CollapseCandidate c = queue.top();
-        queue.pop();
-        const SmartEdgeHandle edge = OpenMesh::make_smart(c.edge, m);
-        if (edge.deleted() || version[c.edge.idx()] != c.version) continue;
+        const SmartEdgeHandle edge = OpenMesh::make_smart(queue.takeFirst(), m);
+        if (edge.deleted()) continue;
         const auto target = collapseTargetOf(edge);
         if (target && keepsBorder(target->halfedge) && allowed(target->halfedge, target->at))
           collapse(target->halfedge, target->at);
       }
-      queue = {};
+      queue.clear();
       min_normal_cosine = std::max(0.02, min_normal_cosine - 0.14);
       min_shape = round < 2 ? min_shape / 4 : 0;
       max_valence += 6;

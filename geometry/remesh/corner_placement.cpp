@@ -30,10 +30,38 @@ void eigen(glm::dmat3 a, glm::dvec3& values, glm::dmat3& vectors) {
 
 }  // namespace
 
-Regions cornerRegions(const QuadMesh& quads, const TriangleMesh& s, const ScanSurface& scan) {
+RegionTables::RegionTables(const TriangleMesh& s) {
+  points.reserve(s.n_vertices());
+  first.reserve(s.n_vertices() + 1);
+  neighbours.reserve(2 * s.n_edges());
+  for (const auto v : s.vertices()) {
+    points.push_back(s.point(v));
+    first.push_back(static_cast<uint32_t>(neighbours.size()));
+    for (const auto w : s.vv_range(v))
+      neighbours.push_back(
+          {static_cast<uint32_t>(w.idx()), glm::length(glm::vec3(s.point(w)) - glm::vec3(s.point(v)))});
+  }
+  first.push_back(static_cast<uint32_t>(neighbours.size()));
+  faces.reserve(s.n_faces());
+  for (const auto f : s.faces()) {
+    Face face{};
+    size_t k = 0;
+    for (const auto v : f.vertices()) face.vertices[k++] = static_cast<uint32_t>(v.idx());
+    const auto p = pointsOf<3>(s, f);
+    const glm::dvec3 cross = areaVector(p);
+    face.point = p[0];
+    face.area = cross;
+    face.twice_area = glm::length(cross);
+    if (face.twice_area > 0) face.normal = cross / face.twice_area;
+    faces.push_back(face);
+  }
+}
+
+Regions cornerRegions(const QuadMesh& quads, const RegionTables& s, const ScanSurface& scan) {
   struct FrontEntry {
     float distance;
-    VertexHandle vertex, corner;
+    uint32_t vertex;
+    VertexHandle corner;
     bool operator<(const FrontEntry& o) const {
       if (distance != o.distance) return distance > o.distance;
       return vertex != o.vertex ? o.vertex < vertex : o.corner < corner;
@@ -44,47 +72,45 @@ Regions cornerRegions(const QuadMesh& quads, const TriangleMesh& s, const ScanSu
     SurfacePoint at = scan.project(quads.point(c), quads.normal(c), 0.1);
     if (!at) at = scan.scene.closestPoint(quads.point(c));
     if (!at) continue;
-    for (const auto v : s.fv_range(FaceHandle(static_cast<int>(at.triangle))))
-      seeds.push_back({static_cast<float>(glm::length(s.point(v) - scan.point(at))), v, c});
+    for (const uint32_t v : s.faces[at.triangle].vertices)
+      seeds.push_back({static_cast<float>(glm::length(s.points[v] - scan.point(at))), v, c});
   }
   std::priority_queue<FrontEntry> queue(std::less<FrontEntry>(), std::move(seeds));
-  Regions nearest_corner(s.n_vertices());
-  std::vector<float> distance(s.n_vertices(), 1e30f);
+  Regions nearest_corner(s.points.size());
+  std::vector<float> distance(s.points.size(), 1e30f);
   while (!queue.empty()) {
     const FrontEntry f = queue.top();
     queue.pop();
-    if (nearest_corner[f.vertex.idx()].is_valid()) continue;
-    nearest_corner[f.vertex.idx()] = f.corner;
-    for (const auto w : s.vv_range(f.vertex)) {
-      const float d = f.distance + glm::length(glm::vec3(s.point(w)) - glm::vec3(s.point(f.vertex)));
-      if (nearest_corner[w.idx()].is_valid() || d >= distance[w.idx()]) continue;
-      distance[w.idx()] = d;
+    if (nearest_corner[f.vertex].is_valid()) continue;
+    nearest_corner[f.vertex] = f.corner;
+    for (uint32_t i = s.first[f.vertex]; i < s.first[f.vertex + 1]; ++i) {
+      const auto [w, length] = s.neighbours[i];
+      const float d = f.distance + length;
+      if (nearest_corner[w].is_valid() || d >= distance[w]) continue;
+      distance[w] = d;
       queue.push({d, w, f.corner});
     }
   }
   return nearest_corner;
 }
 
-void placeCorners(QuadMesh& quads, const TriangleMesh& s, const Regions& regions, const ScanSurface& scan) {
+void placeCorners(QuadMesh& quads, const RegionTables& s, const Regions& regions, const ScanSurface& scan) {
   struct Region {
     glm::dmat3 planes{0};      // sum of area n n^T
     glm::dvec3 right_side{0};  // sum of area n (n . q)
     double area = 0;
   };
   std::vector<Region> all(quads.n_vertices());
-  for (const auto f : s.faces()) {
-    const auto p = pointsOf<3>(s, f);
-    const glm::dvec3 cross = areaVector(p);
-    const double twice = glm::length(cross);
-    if (!(twice > 0)) continue;
-    const glm::dvec3 n = cross / twice;
-    const double share = twice / 6;
-    for (const auto v : f.vertices()) {
-      const VertexHandle corner = regions[v.idx()];
+  for (const RegionTables::Face& f : s.faces) {
+    if (!(f.twice_area > 0)) continue;
+    const glm::dvec3 n = f.normal;
+    const double share = f.twice_area / 6;
+    for (const uint32_t v : f.vertices) {
+      const VertexHandle corner = regions[v];
       if (!corner.is_valid()) continue;
       Region& r = all[corner.idx()];
       r.planes += share * glm::outerProduct(n, n);
-      r.right_side += share * glm::dot(n, p[0] - quads.point(corner)) * n;
+      r.right_side += share * glm::dot(n, f.point - quads.point(corner)) * n;
       r.area += share;
     }
   }
@@ -125,15 +151,12 @@ void placeCorners(QuadMesh& quads, const TriangleMesh& s, const Regions& regions
   }
 }
 
-void assignNormals(QuadMesh& quads, const TriangleMesh& s, const Regions& regions, const ScanSurface& scan) {
+void assignNormals(QuadMesh& quads, const RegionTables& s, const Regions& regions, const ScanSurface& scan) {
   // For each corner, the area vectors of its triangles.
   std::vector<std::vector<glm::dvec3>> region_areas(quads.n_vertices());
-  for (const auto f : s.faces()) {
-    const glm::dvec3 area = areaVector(s, f);
-    for (const auto v : f.vertices()) {
-      if (regions[v.idx()].is_valid()) region_areas[regions[v.idx()].idx()].push_back(area);
-    }
-  }
+  for (const RegionTables::Face& f : s.faces)
+    for (const uint32_t v : f.vertices)
+      if (regions[v].is_valid()) region_areas[regions[v].idx()].push_back(f.area);
   // Triangles that turn more than 70 degrees away from the mean get more weight in each step; the best step is kept.
   constexpr double kSteepCosine = 0.35;
   std::vector<double> weight, area;

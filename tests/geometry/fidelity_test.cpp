@@ -8,6 +8,7 @@
 #include <cmath>
 #include <memory>
 #include <numbers>
+#include <random>
 #include <vector>
 
 #include "geometry/bake/mesh_distance.h"
@@ -232,6 +233,111 @@ TEST(FarOff, IsToldAsFarOffAsItIs) {
     EXPECT_NEAR(found->to_drawn.rms_mm / diagonal, there.rms, 0.03 * there.rms);
     EXPECT_NEAR(found->to_scan.rms_mm / diagonal, back.rms, 0.03 * back.rms);
   }
+}
+
+// Distances as a surface may have them: half a normal distribution, and a share of it that is some times as far off.
+// What many places find decides; few ones may be sure only where it agrees.
+TEST(SurelyWithin, IsSeldomWrongAndSureWhereThereIsRoom) {
+  std::mt19937 random(23);
+  std::normal_distribution<double> normal;
+  std::uniform_real_distribution<double> unit(0, 1);
+  const FidelityTarget target = FidelityTarget::of(1);
+  constexpr uint64_t kFew = 8000;
+  constexpr double kShare = 0.9;
+  struct Surface {
+    double rms, tail_share, tail_times;  // rms: of the target's, with the tail
+  };
+  auto sureOf = [&](const Surface& s) {
+    int sure = 0;
+    const double scale =
+        s.rms * target.rms_mm / std::sqrt(1 - s.tail_share + s.tail_share * s.tail_times * s.tail_times);
+    constexpr int kRounds = 100;
+    for (int round = 0; round < kRounds; ++round) {
+      Fidelity f{.diagonal_mm = 1, .target = target, .to_drawn = {}, .to_scan = {}, .violations = {}};
+      for (OneSidedFidelity* way : {&f.to_drawn, &f.to_scan}) {
+        double squares = 0, fourths = 0, within = 0, beyond = 0;
+        for (uint64_t i = 0; i < kFew; ++i) {
+          const double d = std::abs(normal(random)) * scale * (unit(random) < s.tail_share ? s.tail_times : 1);
+          squares += d * d, fourths += d * d * d * d;
+          within += d <= target.p99_9_mm, beyond += d > target.max_mm;
+        }
+        const double n = kFew, mean = squares / n;
+        *way = {.samples = kFew,
+                .rms_mm = std::sqrt(mean),
+                .mean_square_error = std::sqrt((fourths / n - mean * mean) / n),
+                .area_within = within / n,
+                .area_beyond = beyond / n};
+      }
+      sure += surelyWithin(f, kShare);
+    }
+    return static_cast<double>(sure) / kRounds;
+  };
+  // The RMS, the 99.9th percentile and what lies beyond the largest: just outside of what is asked for.
+  EXPECT_LE(sureOf({kShare, 0, 1}), 0.01);
+  EXPECT_LE(sureOf({kShare, 0.01, 5}), 0.01);
+  EXPECT_LE(sureOf({0.85, 0.0015, 20}), 0.01);
+  EXPECT_LE(sureOf({0.8, 0.0015, 30}), 0.02);
+  // With room.
+  EXPECT_EQ(sureOf({0.8, 0, 1}), 1);
+  EXPECT_GE(sureOf({0.6, 0.01, 5}), 0.99);
+  EXPECT_GE(sureOf({0.5, 0, 1}), 1);
+}
+
+// One of few places beyond the largest distance is too much, be all else well within.
+TEST(SurelyWithin, NoneMayLieBeyondTheLargest) {
+  Fidelity f{.diagonal_mm = 1, .target = FidelityTarget::of(1), .to_drawn = {}, .to_scan = {}, .violations = {}};
+  for (OneSidedFidelity* way : {&f.to_drawn, &f.to_scan}) *way = {.samples = 8000, .rms_mm = 0.4 * f.target.rms_mm};
+  f.to_scan.area_within = 1 - 1.0 / 8000;
+  EXPECT_TRUE(surelyWithin(f, 0.9)) << "control: one beyond the percentile";
+  f.to_scan.area_beyond = 1.0 / 8000;
+  EXPECT_FALSE(surelyWithin(f, 0.9));
+}
+
+// Few places find what many do, within some standard errors, and a miss is no less one.
+TEST(SurelyWithin, FewPlacesOfABakeFindWhatManyDo) {
+  const TriMesh scan = ballMesh(40);
+  const Made made = bakeUntilKept(scan, 0);
+  ASSERT_TRUE(made.bake && made.fidelity.kept());
+  const FidelityScan many(scan, 0);
+  const FidelityScan few = FidelityScan::fewer(many, 0, 8000);
+  EXPECT_EQ(few.areaSamples(), 8000u);
+  EXPECT_EQ(few.positions().size(), few.areaSamples()) << "no vertices";
+  for (const double shrink : {1.0, 0.6}) {
+    const FidelityTarget target = FidelityTarget::within(
+        shrink * std::max(made.fidelity.to_drawn.rms_mm, made.fidelity.to_scan.rms_mm) * 10 / 0.7);
+    auto of_many = measureFidelity(many, *made.bake, target),
+         of_few = measureFidelity(few, *made.bake, target, {.soon = true});
+    ASSERT_TRUE(of_many.ok() && of_few.ok());
+    for (auto way : {&Fidelity::to_drawn, &Fidelity::to_scan}) {
+      const double square = std::pow(((*of_many).*way).rms_mm, 2), found = std::pow(((*of_few).*way).rms_mm, 2);
+      EXPECT_NEAR(found, square, 5 * ((*of_few).*way).mean_square_error + 0.02 * square);
+      EXPECT_GT(((*of_few).*way).mean_square_error, 0);
+    }
+    EXPECT_EQ(surelyWithin(*of_few, 0.9), shrink == 1.0 && of_many->kept());
+  }
+}
+
+// The largest distance covers vertices, of which only those are searched to the end that might be it: a spike of the
+// scan, of no area to speak of, that no bake shows.
+TEST(PromisedDistance, VerticesThatStickOutAreFound) {
+  TriMesh scan = ballMesh(40);
+  const Made made = bakeUntilKept(scan, 0);
+  ASSERT_TRUE(made.bake && made.fidelity.kept());
+  const size_t spike = scan.positions_mm.size() / 3;
+  const glm::vec3 was = scan.positions_mm[spike];
+  scan.positions_mm[spike] = 1.5f * was;
+  auto found = measureFidelity(FidelityScan(scan, 0, 1000), *made.bake, FidelityTarget::of(diagonalOf(scan)));
+  ASSERT_TRUE(found.ok());
+  EXPECT_NEAR(found->to_drawn.max_mm, 0.5 * glm::length(was), 0.01 * glm::length(was));
+  EXPECT_LT(glm::length(found->to_drawn.max_at_mm - glm::dvec3(scan.positions_mm[spike])), 1e-6);
+  bool listed = false;
+  for (const FidelityViolation& v : found->violations)
+    listed |= glm::length(v.position_mm - glm::dvec3(scan.positions_mm[spike])) < 1e-6;
+  EXPECT_TRUE(listed);
+  scan.positions_mm[spike] = was;  // control
+  found = measureFidelity(FidelityScan(scan, 0, 1000), *made.bake, FidelityTarget::of(diagonalOf(scan)));
+  ASSERT_TRUE(found.ok());
+  EXPECT_LT(found->to_drawn.max_mm, 0.01 * glm::length(was));
 }
 
 // Every piece has patches from the first base on: what a closed one's topology needs, at least.

@@ -210,6 +210,91 @@ TEST(MeshBake, steppedHeightsLieWithinHalfAStepOfWhatWasBaked) {
   }
 }
 
+// Lines that are intersected together find what each finds alone, though one tells the next how far the scan is.
+TEST(BakeContext, LinesTogetherMeetWhatTheyMeetEachAlone) {
+  // Two waves, the lower one half as long: lines beside its border meet the upper one, and those close by touch it.
+  TriMesh mesh;
+  constexpr uint32_t kSide = 60, kHalf = 30;
+  for (int sheet = 0; sheet < 2; ++sheet) {
+    const auto first = static_cast<uint32_t>(mesh.positions_mm.size());
+    for (uint32_t y = 0; y <= kSide; ++y)
+      for (uint32_t x = 0; x <= kSide; ++x)
+        mesh.positions_mm.push_back(glm::vec3(x, y, 6.0 * sheet + std::sin(0.3 * x) * std::cos(0.2 * y)));
+    for (uint32_t y = 0; y < kSide; ++y)
+      for (uint32_t x = 0; x < (sheet ? kSide : kHalf); ++x) {
+        const uint32_t a = first + y * (kSide + 1) + x, b = a + kSide + 1;
+        mesh.triangles.push_back({a, a + 1, b + 1});
+        mesh.triangles.push_back({a, b + 1, b});
+      }
+  }
+  auto scene = makeBakeScene(mesh, {});
+  ASSERT_TRUE(scene.ok());
+  const BaseMesh base = sphereBase(10, 1);
+  BakeContext context(mesh, base);
+  context.scene = scene->rays;
+  context.normals = scene->normals;
+  context.prefer_touching = true;
+  LineBatch together;
+  for (uint32_t i = 0; i < 4000; ++i) {
+    // A fiftieth of a cell apart, on no edge; from far beside the border to it.
+    const double x = kHalf - 1.9863 + 0.0201 * (399 - i % 400), y = 5.0291 + 4.3017 * (i / 400);
+    const double lower = std::sin(0.3 * x) * std::cos(0.2 * y);
+    together.add({{x, y, lower + 0.1 * std::sin(0.05 * i)}, {0, 0, 1}, 12}, 0, 0, 0);
+  }
+  const std::vector<Line> lines = together.lines;
+  context.intersect(together);
+  ASSERT_EQ(together.hits.size(), lines.size());
+  size_t touched = 0, far = 0;
+  for (size_t i = 0; i < lines.size(); ++i) {
+    LineBatch alone;
+    alone.add(lines[i], 0, 0, 0);
+    context.intersect(alone);
+    ASSERT_EQ(together.hits[i].triangle, alone.hits[0].triangle) << i;
+    ASSERT_EQ(together.hits[i].along, alone.hits[0].along) << i;
+    (std::abs(alone.hits[0].along) < 1 ? touched : far) += 1;
+  }
+  EXPECT_GT(touched, lines.size() / 20);
+  EXPECT_GT(far, 0u);
+}
+
+// By how much steps move heights: of the finest heights themselves, each as heavy as its part of the patch's area.
+TEST(MeshBake, stepsMoveHeightsByWhatIsSaid) {
+  const TriMesh mesh =
+      starMesh([](const glm::dvec3& d) { return 10 + 0.4 * std::sin(17 * d.x) * std::cos(15 * d.y + 3 * d.z); }, 60);
+  BaseMesh base = sphereBase(10, 2);
+  base.corners[base.patches[0][0]].position_mm *= 0.8f;  // patches of different areas
+  for (const int cells_log2 : {5, 7}) {
+    auto baked = bake(mesh, base, {.cells_log2 = cells_log2});
+    ASSERT_TRUE(baked);
+    std::vector<Heights> exact;
+    for (uint32_t p = 0; p < base.patches.size(); ++p) exact.push_back(heightsOf(*baked, p));
+    EXPECT_EQ(baked->stepChangeMm(), 0) << "none yet";
+    double before = 0;
+    for (const int step : {300, 3000}) {
+      ASSERT_TRUE(baked->setStep((step + 0.5) * baked->reliefScaleMm()));
+      double sum = 0, area = 0;
+      for (uint32_t p = 0; p < base.patches.size(); ++p) {
+        const Heights q = heightsOf(*baked, p);
+        std::array<glm::dvec3, 4> c;
+        for (size_t k = 0; k < 4; ++k) c[k] = glm::dvec3(base.corners[base.patches[p][k]].position_mm);
+        const double of_patch = glm::length(glm::cross(c[1] - c[0], c[2] - c[0])) / 2 +
+                                glm::length(glm::cross(c[1] - c[3], c[2] - c[3])) / 2;
+        double squares = 0;
+        for (size_t i = 0; i < q.size(); ++i) squares += std::pow(int{q[i]} - int{exact[p][i]}, 2);
+        sum += of_patch * squares / static_cast<double>(q.size());
+        area += of_patch;
+      }
+      const double rms = baked->reliefScaleMm() * std::sqrt(sum / area);
+      // At 128 cells heights are the samples: between them what is linear is less, by up to a third of the noise.
+      const double least = cells_log2 == 7 ? std::sqrt(0.3) * rms : 0.9 * rms, most = 1.1 * rms;
+      EXPECT_GE(baked->stepChangeMm(), least);
+      EXPECT_LE(baked->stepChangeMm(), most);
+      EXPECT_GT(baked->stepChangeMm(), 3 * before) << "more with larger steps";
+      before = baked->stepChangeMm();
+    }
+  }
+}
+
 TEST(MeshBake, errorsFoundLaterAreTheSame) {
   const TriMesh mesh = starMesh([](const glm::dvec3& d) { return 10 + 0.4 * std::sin(17 * d.x); }, 30);
   const BaseMesh base = sphereBase(10, 1);

@@ -30,21 +30,34 @@ constexpr std::array<Between, kFull> kPlaces = [] {
   return out;
 }();
 
-// One channel.
+// One channel. Between the outermost coarse texels' centres every run of kFactor texels lies between the same two, with
+// the same weights: they are computed side by side.
 template <int kFactor>
 RELIEVO_SIMD_CLONES void enlarge(const uint8_t* coarse, uint8_t* out) noexcept {
-  constexpr int kSide = kFull / kFactor, kParts = 2 * kFactor, kShift = kFactor == 2 ? 4 : 6;
+  constexpr int kSide = kFull / kFactor, kParts = 2 * kFactor, kShift = kFactor == 2 ? 4 : 6,
+                kRound = 1 << (kShift - 1), kHalf = kFactor / 2;
   static_assert(1 << kShift == kParts * kParts);
   std::array<int, kSide> column;
   for (int y = 0; y < kFull; ++y, out += kFull) {
     const Between rows = kPlaces<kFactor>[static_cast<size_t>(y)];
     const uint8_t *above = coarse + rows.first * kSide, *below = above + kSide;
     for (size_t i = 0; i < kSide; ++i) column[i] = above[i] * (kParts - rows.weight) + below[i] * rows.weight;
-    for (size_t x = 0; x < kFull; ++x) {
+    auto between = [&](size_t x) {
       const Between at = kPlaces<kFactor>[x];
       const int* c = column.data() + at.first;
-      const int value = (c[0] * (kParts - at.weight) + c[1] * at.weight + (1 << (kShift - 1))) >> kShift;
+      const int value = (c[0] * (kParts - at.weight) + c[1] * at.weight + kRound) >> kShift;
       out[x] = static_cast<uint8_t>(value < 0 ? 0 : value > 255 ? 255 : value);
+    };
+    for (size_t x = 0; x < kHalf; ++x) between(x);
+    for (size_t x = kFull - kHalf; x < kFull; ++x) between(x);
+    const int* c = column.data();
+    uint8_t* to = out + kHalf;
+    for (size_t i = 0; i + 1 < kSide; ++i) {
+      const int from = c[i] * kParts + kRound, step = c[i + 1] - c[i];
+      for (int k = 0; k < kFactor; ++k) {
+        const int value = (from + step * (2 * k + 1)) >> kShift;
+        to[i * kFactor + static_cast<size_t>(k)] = static_cast<uint8_t>(value < 0 ? 0 : value > 255 ? 255 : value);
+      }
     }
   }
 }
