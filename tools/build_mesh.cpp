@@ -521,7 +521,7 @@ Result<void> MeshBuild::makeBase() {
 }
 
 double MeshBuild::baseStep() const {
-  constexpr double kOfTarget = 0.25;  // of the RMS that is aimed at: hardly seen where heights are 0, too
+  constexpr double kOfTarget = 0.2;  // of the RMS that is aimed at: hardly seen where heights are 0, too
   const double diagonal = diagonalOf(loaded_.mesh), finest = diagonal / (kMostPositionSteps / 4);
   return base_kind_ == BaseKind::kFaces ? finest : std::max(kOfTarget * target().rms_mm, finest);
 }
@@ -704,7 +704,9 @@ Result<bool> MeshBuild::nextBase(const Fidelity& now, BakeLimit limit, bool bett
     if (limit == BakeLimit::kSamples && !std::exchange(more_samples_, true)) return true;
     // Far off, a base that is finer may first be worse, before it finds the surface.
     in_vain_ = better || fidelity_.excess() > kFarOff ? 0 : in_vain_ + 1;
-    if (round_ <= kRounds && in_vain_ < kInVain && domain_->patches() < kMostPatches) {
+    // Near the target the next base is a small one: what is refined where it missed comes to keep it sooner or later.
+    const int more = fidelity_.excess() < SimplifiedRounds::kNearly ? kInVain : 0;
+    if (round_ <= kRounds + more && in_vain_ < kInVain + more && domain_->patches() < kMostPatches) {
       refined_ = true;
       auto done = use(BaseKind::kEven, stages_.run("base", [&] { return domain_->refine(requests, kMostPatches); }));
       if (!done || *done) return done;

@@ -17,6 +17,7 @@ class SimplifiedRounds {
   static constexpr int kRounds = 5, kInVain = 2;  // bakes; of them in a row, none better than those before
   // Times the target: beyond the first the own triangles are worth their bytes, beyond the second no round is.
   static constexpr double kFarOff = 4, kHopeless = 32;
+  static constexpr double kNearly = 2;  // times the target: twice as many rounds are worth their while
 
   // Ratios of what was measured to the target (Fidelity::excess()).
   struct Bake {
@@ -27,15 +28,14 @@ class SimplifiedRounds {
   enum class Next : uint8_t { kAgain, kOwnTriangles, kEnd };
   // own_triangles: they may be patches.
   Next after(const Bake& bake, bool own_triangles) {
-    constexpr double kNearly = 1.3;  // times the target: some more rounds are worth their while
     ++round_;
     in_vain_ = bake.better ? 0 : in_vain_ + 1;
-    const int rounds = !bake.kept && bake.least < kNearly ? 2 * kRounds : kRounds;
+    const int times = !bake.kept && bake.least < kNearly ? 2 : 1, rounds = times * kRounds;
     // What the last two rounds gained, as often again as rounds are left.
     const double gained = bake.least / least_before_[1], left = std::max(rounds - round_ + 1, 0) / 2.0;
     const bool in_sight = round_ < 3 || bake.least * std::pow(gained, left) <= kFarOff;
     least_before_ = {bake.least, least_before_[0]};
-    over_ = round_ > rounds || in_vain_ == kInVain || bake.own > kHopeless;
+    over_ = round_ > rounds || in_vain_ >= times * kInVain || bake.own > kHopeless;
     if (over_) return bake.least > kFarOff && own_triangles ? Next::kOwnTriangles : Next::kEnd;
     return in_sight || !own_triangles ? Next::kAgain : Next::kOwnTriangles;
   }
