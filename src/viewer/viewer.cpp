@@ -419,7 +419,7 @@ Result<void> runViewer(std::vector<StagedArtwork> artworks, const ViewerOptions&
       gl::Window::create(options.title, options.width_px, options.height_px);
   if (!made_window) return made_window.error();
   gl::Window& window = **made_window;
-  heap.finish(gl::currentContextInfo().software);
+  if (!gl::currentContextInfo().software) heap.giveBack();
   GuardMaker make{.exaggerate = options.scene.relief ? options.scene.exaggerate : 0, .workers = options.engine.workers};
   for (const StagedArtwork& one : artworks) {
     make.artworks.push_back(one.artwork);
