@@ -75,8 +75,14 @@ struct Engine::Impl {
   std::optional<NearestDepth> nearest_depth;  // of those samples, where it is kept
   std::optional<TextureDemand::View> sampled;
   bool target_is_average = false;  // else `target` holds the last sample alone
-  glm::dvec2 offset_px{0};         // of the sample that is being drawn
-  std::optional<PageTable> asked;  // what its pixels look up, if not all that is resident
+  bool expecting = false;          // within takeFullFeedback(): the demand is what the geometry suggests
+  struct Shaded {
+    TextureDemand::View view;
+    uint32_t draw_calls = 0;
+  };
+  std::optional<Shaded> shaded_ahead;  // what settle() drew before its pages were confirmed, of those that are there
+  glm::dvec2 offset_px{0};             // of the sample that is being drawn
+  std::optional<PageTable> asked;      // what its pixels look up, if not all that is resident
   FaultInjection faults;
 
   DrawnSurface surface_drawn;
@@ -390,19 +396,35 @@ struct Engine::Impl {
     auto expected = selectTextureNodes(domain().flat(), *artwork.oracle, view);
     if (expected.size() * plan.texture_planes.size() > planes->slots().texture / 2) return;
     demand->expect(expected);
+    expecting = true;
     ++frame;
     stream(steadySeconds(), planes->slots().total());
   }
 
   // What every pixel of the drawn list wants, at once: waits for it.
   void takeFullFeedback() {
+    expecting = false;
+    shaded_ahead.reset();
     expectPages();
     updateSurface();
     if (!plan.readsTexture()) return;
     const uint32_t picture_calls = stats.draw_calls;
-    demand->takeAll(demandView(), plan.feedbackPhases(), feedbackDrawing());
+    demand->takeAll(demandView(), plan.feedbackPhases(), feedbackDrawing(), [this] { shadeAhead(); });
     stats.draw_calls = picture_calls;
   }
+
+  // While feedback is drawn and read: where all pages that the view's geometry suggests are there, the picture is drawn
+  // at once. It is the settled one, unless the feedback asks for more (isShadedAhead()).
+  void shadeAhead() {
+    if (!expecting || isShadedAhead() || plan.casts() || plan.samples > 1) return;
+    ++frame;
+    stream(steadySeconds(), planes->slots().total());
+    if (!allArrived(demand->requests(), plan.texture_planes)) return;
+    const uint32_t calls = stats.draw_calls;
+    shadeWithoutFades(steadySeconds());
+    shaded_ahead = {demandView(), stats.draw_calls - calls};
+  }
+  bool isShadedAhead() { return shaded_ahead && shaded_ahead->view == demandView(); }
 
   void stream(double now_s, uint32_t max_uploads) {
     streamer().beginFrame(frame, now_s);
@@ -418,7 +440,10 @@ struct Engine::Impl {
     streamer().requestTexture(demand->requests());
     if (plan.relief) streamer().requestRelief(list->reliefRequests());
     pool().upload(streamer().placeReady(max_uploads));
-    if (pool().uploadTable(streamer().table())) sampled.reset();
+    if (pool().uploadTable(streamer().table())) {
+      sampled.reset();
+      shaded_ahead.reset();
+    }
   }
 
   void stopPrefetch() {
@@ -802,7 +827,9 @@ Result<void> Engine::settle(double timeout_s, bool refined) {
     e.sampled.reset();
     e.updateSurface();
     e.updateShares(refined ? LightShares::Directions::kAll : LightShares::Directions::kFew);
-    e.shadeWithoutFades(steadySeconds());
+    if (e.isShadedAhead()) e.stats.draw_calls += e.shaded_ahead->draw_calls;
+    else e.shadeWithoutFades(steadySeconds());
+    e.shaded_ahead.reset();
   }
   finishFrame();
   return {};

@@ -57,8 +57,8 @@ class TextureDemand {
   void takeFinished(int phases);
   // Issues one more pass, unless every pixel of the view was seen.
   void step(const View& view, int phases, const Draw& draw);
-  // Issues passes over every pixel of the view and waits for them.
-  void takeAll(const View& view, int phases, const Draw& draw);
+  // Issues passes over every pixel of the view and waits for them. meanwhile: called before each wait.
+  void takeAll(const View& view, int phases, const Draw& draw, const std::function<void()>& meanwhile);
 
  private:
   void follow(const View& view);
