@@ -223,14 +223,14 @@ struct Engine::Impl {
   }
   void adopt(LodAnswer answer) { list->adopt(std::move(answer), plan.relief, streamer(), *demand, stats); }
 
-  void setUniforms(const gl::Program& program, double now_s, std::array<int, 3> sample = {1, 0, 0},
+  void setUniforms(const gl::Program& program, double now_s, double bias, std::array<int, 3> sample = {1, 0, 0},
                    int tap_phase = 0) const {
     if (const TailTextures* tails = planes->tailTextures()) tails->bind(program, tailReach());
     const glm::dvec3 light = lights->single(scene, drawn().view);
     const TextureFormat format = plan.format(artwork.manifest);
     setShadingUniforms(program, {.format = &format,
                                  .domain = &domain(),
-                                 .lod_bias = textureBias(),
+                                 .lod_bias = bias,
                                  .sample = sample,
                                  .tap_phase = tap_phase,
                                  .light = {light[0], light[1], light[2]},
@@ -266,7 +266,7 @@ struct Engine::Impl {
   void useForGeometry(const gl::Program& program) {
     program.use();
     pool().bind(program, shownTable());
-    setUniforms(program, 0);
+    setUniforms(program, 0, textureBias());
     if (corners) corners->bind(program, kCornersUnit);
   }
 
@@ -308,7 +308,7 @@ struct Engine::Impl {
     program.use();
     pool().bind(program, shownTable());
     bindSurface(program);
-    setUniforms(program, now_s);
+    setUniforms(program, now_s, shadedBias());
   }
 
   // After updateShares().
@@ -374,12 +374,18 @@ struct Engine::Impl {
 
   // What the cache makes the view do without, and what the scene does without on top of it.
   double textureBias() const { return lod_bias + scene.detail_bias; }
+  // Where no page but the roots is there, as in a first picture, all look-ups end at them: they begin there, too, which
+  // shows the same in less time. Overlays tell what was wanted, and taps of anisotropic sampling look up on their own.
+  double shadedBias() {
+    const bool roots = !planes->hasTails() && shownTable().size() == domain().patchCount();
+    return roots && plan.anisotropy == 1 && !scene.overlay ? kMaxNodeLevel : textureBias();
+  }
   TextureDemand::View demandView() const { return {surfaceNow(), textureBias(), plan.sampling, plan.anisotropy}; }
   // Draws what the pixels of the grid ask for, from the surface buffer.
   void drawFeedback(const FeedbackGrid& grid, int tap_phase) {
     programs.feedback.use();
     bindSurface(programs.feedback);
-    setUniforms(programs.feedback, 0, {grid.scale, grid.offset.x, grid.offset.y}, tap_phase);
+    setUniforms(programs.feedback, 0, textureBias(), {grid.scale, grid.offset.x, grid.offset.y}, tap_phase);
     screen->draw(false);
     ++stats.draw_calls;
   }
@@ -387,39 +393,40 @@ struct Engine::Impl {
     return [this](const FeedbackGrid& grid, int tap_phase) { drawFeedback(grid, tap_phase); };
   }
 
-  // Settling: while the surface is drawn the workers read what the view's geometry suggests; the feedback then tells
-  // what of it counts.
-  void expectPages() {
-    if (overMesh() || demand->usesGeometry() || lod_bias > 0) return;
+  // While the surface is drawn the workers read what the view's geometry suggests; the feedback then tells what of it
+  // counts. In a first frame and in settling; of flat artworks. False: nothing is suggested.
+  bool expectPages(uint32_t max_uploads) {
+    if (overMesh() || !demand->usesFeedback() || demand->usesGeometry() || lod_bias > 0) return false;
     TextureView view = textureView(drawn().view);
     view.relief = false;  // like the feedback, not the finest level that a slope might want
     auto expected = selectTextureNodes(domain().flat(), *artwork.oracle, view);
-    if (expected.size() * plan.texture_planes.size() > planes->slots().texture / 2) return;
+    if (expected.size() * plan.texture_planes.size() > planes->slots().texture / 2) return false;
     demand->expect(expected);
-    expecting = true;
     ++frame;
-    stream(steadySeconds(), planes->slots().total());
+    stream(steadySeconds(), max_uploads);
+    return true;
   }
 
   // What every pixel of the drawn list wants, at once: waits for it.
   void takeFullFeedback() {
-    expecting = false;
     shaded_ahead.reset();
-    expectPages();
+    expecting = expectPages(planes->slots().total());
     updateSurface();
     if (!plan.readsTexture()) return;
     const uint32_t picture_calls = stats.draw_calls;
-    demand->takeAll(demandView(), plan.feedbackPhases(), feedbackDrawing(), [this] { shadeAhead(); });
+    demand->takeAll(demandView(), plan.feedbackPhases(), feedbackDrawing(),
+                    [this](std::span<const NodeRequest> so_far) { shadeAhead(so_far); });
     stats.draw_calls = picture_calls;
   }
 
-  // While feedback is drawn and read: where all pages that the view's geometry suggests are there, the picture is drawn
-  // at once. It is the settled one, unless the feedback asks for more (isShadedAhead()).
-  void shadeAhead() {
+  // While the rest of the feedback is drawn: where all pages are there that the view's geometry suggests, and that the
+  // pixels so far ask for, the picture is drawn at once. It is the settled one unless the rest asks for more
+  // (isShadedAhead()).
+  void shadeAhead(std::span<const NodeRequest> so_far) {
     if (!expecting || isShadedAhead() || plan.casts() || plan.samples > 1) return;
     ++frame;
     stream(steadySeconds(), planes->slots().total());
-    if (!allArrived(demand->requests(), plan.texture_planes)) return;
+    if (!allArrived(so_far, plan.texture_planes) || !allArrived(demand->requests(), plan.texture_planes)) return;
     const uint32_t calls = stats.draw_calls;
     shadeWithoutFades(steadySeconds());
     shaded_ahead = {demandView(), stats.draw_calls - calls};
@@ -502,9 +509,11 @@ struct Engine::Impl {
     prefetch(now_s);
     stream(now_s, options.uploads_per_frame);
     ViewTransform view = currentView();
+    bool first_requests = false;
     if (list->adoptedFrame() == 0) {  // a new streamer's first frame has nothing to draw yet: it waits for its list
       postLod(view);
       adopt(list->waitFor(frame));
+      first_requests = plan.readsTexture() && expectPages(options.uploads_per_frame);
     } else {
       if (auto answer = list->tryTake()) adopt(std::move(*answer));
       list->countLag();
@@ -515,7 +524,9 @@ struct Engine::Impl {
     updateSurface();  // a still camera: light, new pages and fades change the shading only
     // Before the shading, whose depth buffer the feedback reads: software GL waits for every pass that has a texture
     // for its target which is read.
-    if (demand->usesFeedback() && plan.readsTexture() && frame % static_cast<uint64_t>(options.feedback_interval) == 0)
+    // A first picture does not wait for it: what the geometry suggests is requested already.
+    if (demand->usesFeedback() && plan.readsTexture() && !first_requests &&
+        frame % static_cast<uint64_t>(options.feedback_interval) == 0)
       demand->step(demandView(), plan.feedbackPhases(), feedbackDrawing());
     if (sampled && *sampled != demandView()) sampled.reset();
     if (!showsAverage()) {

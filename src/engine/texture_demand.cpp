@@ -98,7 +98,7 @@ void TextureDemand::step(const View& view, int phases, const Draw& draw) {
   ++passes_;
 }
 
-void TextureDemand::takeAll(const View& view, int phases, const Draw& draw, const std::function<void()>& meanwhile) {
+void TextureDemand::takeAll(const View& view, int phases, const Draw& draw, const Meanwhile& meanwhile) {
   constexpr int kBlock = 2, kTurns = kBlock * kBlock;  // in quarters: smaller buffers stay in the processor's caches
   std::vector<NodeRequest> found;
   follow(view);
@@ -111,7 +111,7 @@ void TextureDemand::takeAll(const View& view, int phases, const Draw& draw, cons
   const int passes = kTurns * phases;
   for (int issued = 0, taken = 0; taken < passes; ++taken) {
     while (issued < passes && issueNext(issued)) ++issued;
-    meanwhile();
+    if (taken > 0) meanwhile(found);
     const auto part = analyzer_.analyze(pass_.waitForNext(), pass_.width(), pass_.height());
     found.insert(found.end(), part.begin(), part.end());
   }
