@@ -314,12 +314,8 @@ struct Engine::Impl {
   // After updateShares().
   void shadeSurface(double now_s) {
     target_is_average = false;
-    // Where no pixel asks for a page, or there is none, nothing is looked up: the same picture, for half the cost.
-    // But with anisotropy, a patch that has no page shows its tail along the pixel's footprint.
-    const bool no_look_up = demand->requests().empty() || shownTable().size() == 0;
-    const bool only_tails = planes->hasTails() && no_look_up && !(plan.anisotropy > 1 && domain().hasUntexturedPatch());
     const ViewTransform seen = sampleView();
-    stats.draw_calls += shading->draw(shadedFrame(seen, now_s), target, only_tails);
+    stats.draw_calls += shading->draw(shadedFrame(seen, now_s), target, lookups());
     if (plan.wireframe) {
       programs.wire.use();
       pool().bind(programs.wire, shownTable());
@@ -374,11 +370,25 @@ struct Engine::Impl {
 
   // What the cache makes the view do without, and what the scene does without on top of it.
   double textureBias() const { return lod_bias + scene.detail_bias; }
-  // Where no page but the roots is there, as in a first picture, all look-ups end at them: they begin there, too, which
-  // shows the same in less time. Overlays tell what was wanted, and taps of anisotropic sampling look up on their own.
-  double shadedBias() {
-    const bool roots = !planes->hasTails() && shownTable().size() == domain().patchCount();
-    return roots && plan.anisotropy == 1 && !scene.overlay ? kMaxNodeLevel : textureBias();
+  // Where no page but the roots is there, as in a first picture, all look-ups end at them: they begin there, too, and
+  // look at one level, which shows the same in less time. Overlays tell what was wanted, and taps of anisotropic
+  // sampling look up on their own.
+  bool onlyRoots() {
+    return !planes->hasTails() && shownTable().size() == domain().patchCount() && plan.anisotropy == 1 &&
+           !scene.overlay && !plan.drawsNormals();
+  }
+  double shadedBias() { return onlyRoots() ? kMaxNodeLevel : textureBias(); }
+  SurfaceShading::Lookups lookups() {
+    // Where no pixel asks for a page, or there is none, nothing is looked up: the same picture, for half the cost.
+    // But with anisotropy, a patch that has no page shows its tail along the pixel's footprint.
+    const bool no_look_up = demand->requests().empty() || shownTable().size() == 0;
+    if (planes->hasTails() && no_look_up && !(plan.anisotropy > 1 && domain().hasUntexturedPatch()))
+      return SurfaceShading::Lookups::kTails;
+    if (plan.sampling != Sampling::kTrilinear || !plan.readsTexture() || !onlyRoots())
+      return SurfaceShading::Lookups::kPages;
+    if (programs.roots.id() == 0 && !programs.linkRoots(context.api, programVariant()))
+      return SurfaceShading::Lookups::kPages;
+    return SurfaceShading::Lookups::kRoots;
   }
   TextureDemand::View demandView() const { return {surfaceNow(), textureBias(), plan.sampling, plan.anisotropy}; }
   // Draws what the pixels of the grid ask for, from the surface buffer.
