@@ -456,8 +456,10 @@ struct Engine::Impl {
     streamed_view = seen;
     streamer().requestTexture(demand->requests());
     if (plan.relief) streamer().requestRelief(list->reliefRequests());
-    pool().upload(streamer().placeReady(max_uploads));
-    if (pool().uploadTable(streamer().table())) {
+    const auto uploads = streamer().placeReady(max_uploads);
+    pool().upload(uploads);
+    // Roots that are resolved under another light lie where they lay before.
+    if (pool().uploadTable(streamer().table()) || !uploads.empty()) {
       sampled.reset();
       shaded_ahead.reset();
     }
