@@ -93,7 +93,8 @@ TEST(FirstFrame, AsksForThePagesThatTheSettledViewWants) {
     ASSERT_TRUE(first.engine);
     std::vector<NodeId> asked;
     for (const NodeRequest& r : first.engine->textureRequests()) asked.push_back(r.node);
-    first.gate->waitForReaders(1);  // the workers are at it
+    const StreamerStats streamer = first.engine->stats().streamer;
+    EXPECT_GT(streamer.queued + streamer.decoding, 0u) << "the workers are at it";
     first.gate->open();
     ASSERT_TRUE(first.engine->settle(60).ok());
     size_t wanted = 0, found = 0;
