@@ -34,7 +34,7 @@ Range growHeap(size_t bytes) {
 }
 
 // Changes nothing, as malloc may have handed the memory out meanwhile.
-[[gnu::no_sanitize("thread")]] void touch(uintptr_t at) {
+__attribute__((no_sanitize("thread"))) void touch(uintptr_t at) {
   __atomic_fetch_or(reinterpret_cast<char*>(at), 0, __ATOMIC_RELAXED);
 }
 
