@@ -296,7 +296,7 @@ Result<void> render(RenderOptions& o) {
 
   auto context = gl::HeadlessContext::create();
   if (!context) return context.error();
-  heap.finish((*context)->info().software);
+  if (!(*context)->info().software) heap.giveBack();
   double context_s = steadyNow() - start;
   const Work work{o, *artworks, *scene, placed, *sight, *background};
   if (o.numbered) return renderSequence(work);

@@ -75,8 +75,14 @@ struct Engine::Impl {
   std::optional<NearestDepth> nearest_depth;  // of those samples, where it is kept
   std::optional<TextureDemand::View> sampled;
   bool target_is_average = false;  // else `target` holds the last sample alone
-  glm::dvec2 offset_px{0};         // of the sample that is being drawn
-  std::optional<PageTable> asked;  // what its pixels look up, if not all that is resident
+  bool expecting = false;          // within takeFullFeedback(): the demand is what the geometry suggests
+  struct Shaded {
+    TextureDemand::View view;
+    uint32_t draw_calls = 0;
+  };
+  std::optional<Shaded> shaded_ahead;  // what settle() drew before its pages were confirmed, of those that are there
+  glm::dvec2 offset_px{0};             // of the sample that is being drawn
+  std::optional<PageTable> asked;      // what its pixels look up, if not all that is resident
   FaultInjection faults;
 
   DrawnSurface surface_drawn;
@@ -217,14 +223,14 @@ struct Engine::Impl {
   }
   void adopt(LodAnswer answer) { list->adopt(std::move(answer), plan.relief, streamer(), *demand, stats); }
 
-  void setUniforms(const gl::Program& program, double now_s, std::array<int, 3> sample = {1, 0, 0},
+  void setUniforms(const gl::Program& program, double now_s, double bias, std::array<int, 3> sample = {1, 0, 0},
                    int tap_phase = 0) const {
     if (const TailTextures* tails = planes->tailTextures()) tails->bind(program, tailReach());
     const glm::dvec3 light = lights->single(scene, drawn().view);
     const TextureFormat format = plan.format(artwork.manifest);
     setShadingUniforms(program, {.format = &format,
                                  .domain = &domain(),
-                                 .lod_bias = textureBias(),
+                                 .lod_bias = bias,
                                  .sample = sample,
                                  .tap_phase = tap_phase,
                                  .light = {light[0], light[1], light[2]},
@@ -260,7 +266,7 @@ struct Engine::Impl {
   void useForGeometry(const gl::Program& program) {
     program.use();
     pool().bind(program, shownTable());
-    setUniforms(program, 0);
+    setUniforms(program, 0, textureBias());
     if (corners) corners->bind(program, kCornersUnit);
   }
 
@@ -302,18 +308,14 @@ struct Engine::Impl {
     program.use();
     pool().bind(program, shownTable());
     bindSurface(program);
-    setUniforms(program, now_s);
+    setUniforms(program, now_s, shadedBias());
   }
 
   // After updateShares().
   void shadeSurface(double now_s) {
     target_is_average = false;
-    // Where no pixel asks for a page, or there is none, nothing is looked up: the same picture, for half the cost.
-    // But with anisotropy, a patch that has no page shows its tail along the pixel's footprint.
-    const bool no_look_up = demand->requests().empty() || shownTable().size() == 0;
-    const bool only_tails = planes->hasTails() && no_look_up && !(plan.anisotropy > 1 && domain().hasUntexturedPatch());
     const ViewTransform seen = sampleView();
-    stats.draw_calls += shading->draw(shadedFrame(seen, now_s), target, only_tails);
+    stats.draw_calls += shading->draw(shadedFrame(seen, now_s), target, lookups());
     if (plan.wireframe) {
       programs.wire.use();
       pool().bind(programs.wire, shownTable());
@@ -368,12 +370,32 @@ struct Engine::Impl {
 
   // What the cache makes the view do without, and what the scene does without on top of it.
   double textureBias() const { return lod_bias + scene.detail_bias; }
+  // Where no page but the roots is there, as in a first picture, all look-ups end at them: they begin there, too, and
+  // look at one level, which shows the same in less time. Overlays tell what was wanted, and taps of anisotropic
+  // sampling look up on their own.
+  bool onlyRoots() {
+    return !planes->hasTails() && shownTable().size() == domain().patchCount() && plan.anisotropy == 1 &&
+           !scene.overlay && !plan.drawsNormals();
+  }
+  double shadedBias() { return onlyRoots() ? kMaxNodeLevel : textureBias(); }
+  SurfaceShading::Lookups lookups() {
+    // Where no pixel asks for a page, or there is none, nothing is looked up: the same picture, for half the cost.
+    // But with anisotropy, a patch that has no page shows its tail along the pixel's footprint.
+    const bool no_look_up = demand->requests().empty() || shownTable().size() == 0;
+    if (planes->hasTails() && no_look_up && !(plan.anisotropy > 1 && domain().hasUntexturedPatch()))
+      return SurfaceShading::Lookups::kTails;
+    if (plan.sampling != Sampling::kTrilinear || !plan.readsTexture() || !onlyRoots())
+      return SurfaceShading::Lookups::kPages;
+    if (programs.roots.id() == 0 && !programs.linkRoots(context.api, programVariant()))
+      return SurfaceShading::Lookups::kPages;
+    return SurfaceShading::Lookups::kRoots;
+  }
   TextureDemand::View demandView() const { return {surfaceNow(), textureBias(), plan.sampling, plan.anisotropy}; }
   // Draws what the pixels of the grid ask for, from the surface buffer.
   void drawFeedback(const FeedbackGrid& grid, int tap_phase) {
     programs.feedback.use();
     bindSurface(programs.feedback);
-    setUniforms(programs.feedback, 0, {grid.scale, grid.offset.x, grid.offset.y}, tap_phase);
+    setUniforms(programs.feedback, 0, textureBias(), {grid.scale, grid.offset.x, grid.offset.y}, tap_phase);
     screen->draw(false);
     ++stats.draw_calls;
   }
@@ -381,28 +403,45 @@ struct Engine::Impl {
     return [this](const FeedbackGrid& grid, int tap_phase) { drawFeedback(grid, tap_phase); };
   }
 
-  // Settling: while the surface is drawn the workers read what the view's geometry suggests; the feedback then tells
-  // what of it counts.
-  void expectPages() {
-    if (overMesh() || demand->usesGeometry() || lod_bias > 0) return;
+  // While the surface is drawn the workers read what the view's geometry suggests; the feedback then tells what of it
+  // counts. In a first frame and in settling; of flat artworks. False: nothing is suggested.
+  bool expectPages(uint32_t max_uploads) {
+    if (overMesh() || !demand->usesFeedback() || demand->usesGeometry() || lod_bias > 0) return false;
     TextureView view = textureView(drawn().view);
     view.relief = false;  // like the feedback, not the finest level that a slope might want
     auto expected = selectTextureNodes(domain().flat(), *artwork.oracle, view);
-    if (expected.size() * plan.texture_planes.size() > planes->slots().texture / 2) return;
+    if (expected.size() * plan.texture_planes.size() > planes->slots().texture / 2) return false;
     demand->expect(expected);
     ++frame;
-    stream(steadySeconds(), planes->slots().total());
+    stream(steadySeconds(), max_uploads);
+    return true;
   }
 
   // What every pixel of the drawn list wants, at once: waits for it.
   void takeFullFeedback() {
-    expectPages();
+    shaded_ahead.reset();
+    expecting = expectPages(planes->slots().total());
     updateSurface();
     if (!plan.readsTexture()) return;
     const uint32_t picture_calls = stats.draw_calls;
-    demand->takeAll(demandView(), plan.feedbackPhases(), feedbackDrawing());
+    demand->takeAll(demandView(), plan.feedbackPhases(), feedbackDrawing(),
+                    [this](std::span<const NodeRequest> so_far) { shadeAhead(so_far); });
     stats.draw_calls = picture_calls;
   }
+
+  // While the rest of the feedback is drawn: where all pages are there that the view's geometry suggests, and that the
+  // pixels so far ask for, the picture is drawn at once. It is the settled one unless the rest asks for more
+  // (isShadedAhead()).
+  void shadeAhead(std::span<const NodeRequest> so_far) {
+    if (!expecting || isShadedAhead() || plan.casts() || plan.samples > 1) return;
+    ++frame;
+    stream(steadySeconds(), planes->slots().total());
+    if (!allArrived(so_far, plan.texture_planes) || !allArrived(demand->requests(), plan.texture_planes)) return;
+    const uint32_t calls = stats.draw_calls;
+    shadeWithoutFades(steadySeconds());
+    shaded_ahead = {demandView(), stats.draw_calls - calls};
+  }
+  bool isShadedAhead() { return shaded_ahead && shaded_ahead->view == demandView(); }
 
   void stream(double now_s, uint32_t max_uploads) {
     streamer().beginFrame(frame, now_s);
@@ -417,8 +456,13 @@ struct Engine::Impl {
     streamed_view = seen;
     streamer().requestTexture(demand->requests());
     if (plan.relief) streamer().requestRelief(list->reliefRequests());
-    pool().upload(streamer().placeReady(max_uploads));
-    if (pool().uploadTable(streamer().table())) sampled.reset();
+    const auto uploads = streamer().placeReady(max_uploads);
+    pool().upload(uploads);
+    // Roots that are resolved under another light lie where they lay before.
+    if (pool().uploadTable(streamer().table()) || !uploads.empty()) {
+      sampled.reset();
+      shaded_ahead.reset();
+    }
   }
 
   void stopPrefetch() {
@@ -477,9 +521,11 @@ struct Engine::Impl {
     prefetch(now_s);
     stream(now_s, options.uploads_per_frame);
     ViewTransform view = currentView();
+    bool first_requests = false;
     if (list->adoptedFrame() == 0) {  // a new streamer's first frame has nothing to draw yet: it waits for its list
       postLod(view);
       adopt(list->waitFor(frame));
+      first_requests = plan.readsTexture() && expectPages(options.uploads_per_frame);
     } else {
       if (auto answer = list->tryTake()) adopt(std::move(*answer));
       list->countLag();
@@ -490,7 +536,9 @@ struct Engine::Impl {
     updateSurface();  // a still camera: light, new pages and fades change the shading only
     // Before the shading, whose depth buffer the feedback reads: software GL waits for every pass that has a texture
     // for its target which is read.
-    if (demand->usesFeedback() && plan.readsTexture() && frame % static_cast<uint64_t>(options.feedback_interval) == 0)
+    // A first picture does not wait for it: what the geometry suggests is requested already.
+    if (demand->usesFeedback() && plan.readsTexture() && !first_requests &&
+        frame % static_cast<uint64_t>(options.feedback_interval) == 0)
       demand->step(demandView(), plan.feedbackPhases(), feedbackDrawing());
     if (sampled && *sampled != demandView()) sampled.reset();
     if (!showsAverage()) {
@@ -802,7 +850,9 @@ Result<void> Engine::settle(double timeout_s, bool refined) {
     e.sampled.reset();
     e.updateSurface();
     e.updateShares(refined ? LightShares::Directions::kAll : LightShares::Directions::kFew);
-    e.shadeWithoutFades(steadySeconds());
+    if (e.isShadedAhead()) e.stats.draw_calls += e.shaded_ahead->draw_calls;
+    else e.shadeWithoutFades(steadySeconds());
+    e.shaded_ahead.reset();
   }
   finishFrame();
   return {};

@@ -1,7 +1,8 @@
 // engine.h - one artwork on screen: pages in, frames out, with or without a window. Needs a current GL context on the
 // thread that calls it and always draws into its own framebuffer. A frame never waits for disk, decoder or LOD worker.
 // It waits for a patch list only where there is none to draw yet: in the first frame, and in the first one after a
-// change to other planes.
+// change to other planes. Of a flat artwork that frame requests what the view's geometry suggests, before it draws, and
+// issues no feedback: so its picture, of the roots, comes sooner, and so do the pages.
 //
 // A frame: take the finished feedback; hand over requests; place decoded pages and upload them within the budget; take
 // the newest LOD answer and post the camera to the LOD worker; draw the surface if it changed; issue the next feedback;

@@ -32,7 +32,7 @@ Result<void> ShadingPrograms::link(gl::Api api, const Variant& variant) {
   addVertexFaults(variant.faults, defines);
   addLookupFaults(variant.faults, defines);
   for (gl::Program* left :
-       {&root_cells, &wire, &average, &tails, &normals, &normals_tails, &shadow_map, &shadow_map_roots, &shadow,
+       {&root_cells, &wire, &average, &tails, &roots, &normals, &normals_tails, &shadow_map, &shadow_map_roots, &shadow,
         &shadow_sum, &shadow_add, &shadow_mean, &capture, &capture_roots})
     *left = {};
   if (auto r = linkOne(surface, api, "patch.vert", "surface.frag", defines); !r) return r;
@@ -68,6 +68,14 @@ Result<void> ShadingPrograms::link(gl::Api api, const Variant& variant) {
   if (variant.wireframe)
     if (auto r = linkOne(wire, api, "patch.vert", "lines.frag", with(defines, "WIREFRAME")); !r) return r;
   return variant.average ? linkOne(average, api, "screen.vert", "average.frag", {}) : Result<void>();
+}
+
+// Two levels of one page are that page: none is blended with another one.
+Result<void> ShadingPrograms::linkRoots(gl::Api api, const Variant& variant) {
+  gl::Defines defines = variant.defines;
+  addLookupFaults(variant.faults, defines);
+  std::erase_if(defines, [](const auto& define) { return define.first == "TRILINEAR"; });
+  return linkOne(roots, api, "screen.vert", "shade.frag", defines);
 }
 
 Result<void> ShadingPrograms::linkCapture(gl::Api api, const Variant& variant) {

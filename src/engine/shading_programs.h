@@ -16,6 +16,7 @@ class ShadingPrograms {
   gl::Program root_cells;                    // the same for patches that are drawn as one cell
   gl::Program shade;                         // the surface buffer into the picture
   gl::Program tails;                         // the same where no page is needed
+  gl::Program roots;                         // the same where every look-up ends at a root; linkRoots()
   gl::Program normals, normals_tails;        // the surface buffer into its normals, as shade and tails
   gl::Program feedback;                      // the surface buffer into page requests
   gl::Program shadow_map, shadow_map_roots;  // the geometry into a map of depths, as surface and root_cells
@@ -32,9 +33,11 @@ class ShadingPrograms {
     bool shadow_sums = false, shadow_adds = false;
     FaultInjection faults;
   };
-  // Links all programs but capture and capture_roots, which become empty. After a failure some programs are new, some
-  // old.
+  // Links all programs but roots, capture and capture_roots, which become empty. After a failure some programs are new,
+  // some old.
   Result<void> link(gl::Api api, const Variant& variant);
+  // For a plan without anisotropy and normals.
+  Result<void> linkRoots(gl::Api api, const Variant& variant);
   Result<void> linkCapture(gl::Api api, const Variant& variant);
 };
 

@@ -73,18 +73,20 @@ void SurfaceShading::setEffects(const Frame& frame, const gl::Program& program) 
   }
 }
 
-uint32_t SurfaceShading::draw(const Frame& frame, const PictureTarget& into, bool only_tails) {
+uint32_t SurfaceShading::draw(const Frame& frame, const PictureTarget& into, Lookups lookups) {
   uint32_t calls = 0;
   keepDepth(frame);
   if (frame.plan.drawsNormals()) {
     if (!normals_) normals_ = std::make_unique<NormalsTarget>();
     normals_->begin(frame.surface);
-    frame.use(only_tails ? frame.programs.normals_tails : frame.programs.normals);
+    frame.use(lookups == Lookups::kTails ? frame.programs.normals_tails : frame.programs.normals);
     frame.screen.draw(true);
     ++calls;
   }
   into.begin();
-  const gl::Program& program = only_tails ? frame.programs.tails : frame.programs.shade;
+  const gl::Program& program = lookups == Lookups::kTails   ? frame.programs.tails
+                               : lookups == Lookups::kRoots ? frame.programs.roots
+                                                            : frame.programs.shade;
   frame.use(program);
   setEffects(frame, program);
   frame.screen.draw(true);

@@ -47,8 +47,10 @@ class SurfaceShading {
   void forget(const EffectPlan& plan);
   // Brings the shares of light and sky up to date. Returns its draw calls, but for the maps'.
   uint32_t updateShares(const Frame& frame, LightShares::Directions directions);
-  // After updateShares(). only_tails: no pixel looks up a page. Returns its draw calls.
-  uint32_t draw(const Frame& frame, const PictureTarget& into, bool only_tails);
+  // What pixels look up: pages; none, so that tails show; or the roots' alone.
+  enum class Lookups { kPages, kTails, kRoots };
+  // After updateShares(). Returns its draw calls.
+  uint32_t draw(const Frame& frame, const PictureTarget& into, Lookups lookups);
 
   bool whole() const { return !shares_ || shares_->whole(); }  // no direction of light is missing
   int directions() const { return shares_ ? shares_->directions() : 0; }

@@ -98,18 +98,24 @@ void TextureDemand::step(const View& view, int phases, const Draw& draw) {
   ++passes_;
 }
 
-void TextureDemand::takeAll(const View& view, int phases, const Draw& draw) {
-  constexpr int kBlock = 2;  // in four quarters: smaller buffers stay in the processor's caches
+void TextureDemand::takeAll(const View& view, int phases, const Draw& draw, const Meanwhile& meanwhile) {
+  constexpr int kBlock = 2, kTurns = kBlock * kBlock;  // in quarters: smaller buffers stay in the processor's caches
   std::vector<NodeRequest> found;
   follow(view);
   pass_.wait();  // all targets are free
-  for (int tap_phase = 0; tap_phase < phases; ++tap_phase) {
-    for (turn_ = 0; turn_ < kBlock * kBlock; ++turn_) {
-      if (!issue(kBlock, draw, tap_phase)) continue;
-      const auto part = analyzer_.analyze(pass_.wait(), pass_.width(), pass_.height());
-      found.insert(found.end(), part.begin(), part.end());
-    }
+  // While one is read, the next ones are drawn.
+  auto issueNext = [&](int pass) {
+    turn_ = static_cast<uint64_t>(pass % kTurns);
+    return issue(kBlock, draw, pass / kTurns);
+  };
+  const int passes = kTurns * phases;
+  for (int issued = 0, taken = 0; taken < passes; ++taken) {
+    while (issued < passes && issueNext(issued)) ++issued;
+    if (taken > 0) meanwhile(found);
+    const auto part = analyzer_.analyze(pass_.waitForNext(), pass_.width(), pass_.height());
+    found.insert(found.end(), part.begin(), part.end());
   }
+  turn_ = kTurns;
   feedback_ = unionOfRequests(std::move(found));
   memory_.clear();
   memory_.add(feedback_, view_number_, 1);

@@ -57,8 +57,10 @@ class TextureDemand {
   void takeFinished(int phases);
   // Issues one more pass, unless every pixel of the view was seen.
   void step(const View& view, int phases, const Draw& draw);
-  // Issues passes over every pixel of the view and waits for them.
-  void takeAll(const View& view, int phases, const Draw& draw);
+  // Issues passes over every pixel of the view and waits for them. meanwhile: called before each wait but the first,
+  // while passes are drawn, with what those before ask for.
+  using Meanwhile = std::function<void(std::span<const NodeRequest> so_far)>;
+  void takeAll(const View& view, int phases, const Draw& draw, const Meanwhile& meanwhile);
 
  private:
   void follow(const View& view);

@@ -4,6 +4,11 @@
 #include <cstring>
 
 namespace relievo {
+namespace {
+
+constexpr GLuint64 kTenSeconds = GLuint64{10} * 1000 * 1000 * 1000;
+
+}  // namespace
 
 FeedbackGrid feedbackGrid(int view_width_px, int view_height_px, int scale, uint64_t turn) {
   FeedbackGrid grid;
@@ -96,15 +101,29 @@ void FeedbackPass::read(Target& target) {
 }
 
 std::span<const std::array<uint32_t, 4>> FeedbackPass::poll() {
+  Target* const next = oldest();
+  if (!next) return {};
+  GLenum state = glClientWaitSync(next->fence, 0, 0);  // targets finish in the order of issue
+  if (state != GL_ALREADY_SIGNALED && state != GL_CONDITION_SATISFIED) return {};
+  read(*next);
+  drop(*next);
+  return result_;
+}
+
+FeedbackPass::Target* FeedbackPass::oldest() {
   Target* oldest = nullptr;
   for (Target& t : ring_) {
     if (t.fence && (!oldest || t.serial < oldest->serial)) oldest = &t;
   }
-  if (!oldest) return {};
-  GLenum state = glClientWaitSync(oldest->fence, 0, 0);  // targets finish in the order of issue
-  if (state != GL_ALREADY_SIGNALED && state != GL_CONDITION_SATISFIED) return {};
-  read(*oldest);
-  drop(*oldest);
+  return oldest;
+}
+
+std::span<const std::array<uint32_t, 4>> FeedbackPass::waitForNext() {
+  Target* const next = oldest();
+  if (!next) return {};
+  glClientWaitSync(next->fence, GL_SYNC_FLUSH_COMMANDS_BIT, kTenSeconds);
+  read(*next);
+  drop(*next);
   return result_;
 }
 
@@ -114,7 +133,7 @@ std::span<const std::array<uint32_t, 4>> FeedbackPass::wait() {
     if (t.fence && (!newest || t.serial > newest->serial)) newest = &t;
   }
   if (!newest) return {};
-  glClientWaitSync(newest->fence, GL_SYNC_FLUSH_COMMANDS_BIT, GLuint64{10} * 1000 * 1000 * 1000);
+  glClientWaitSync(newest->fence, GL_SYNC_FLUSH_COMMANDS_BIT, kTenSeconds);
   read(*newest);
   for (Target& t : ring_) drop(t);
   return result_;

@@ -45,6 +45,8 @@ class FeedbackPass {
   std::span<const std::array<uint32_t, 4>> poll();
   // Waits for the newest issued result and drops all others (settling).
   std::span<const std::array<uint32_t, 4>> wait();
+  // Waits for the oldest issued result that was not returned yet; empty when there is none (settling).
+  std::span<const std::array<uint32_t, 4>> waitForNext();
   uint64_t tag() const { return tag_; }  // of the result returned last
 
  private:
@@ -60,6 +62,7 @@ class FeedbackPass {
   void fit(Target& target);                  // to the size wanted: memory is taken when a target is first drawn
   void read(Target& target);
   void drop(Target& target);
+  Target* oldest();  // null: none is under way
 
   bool software_ = false;
   int width_ = 0, height_ = 0;

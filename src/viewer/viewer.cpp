@@ -100,13 +100,48 @@ std::string freeSnapshotName(const std::string& folder, const std::string& stem)
 
 namespace {
 
-using GuardTask = BackgroundTask<std::unique_ptr<const EyeGuard>>;
+// What keeps the eye outside: at once for flat artworks; over a base mesh on a thread of its own, once the first frame
+// is shown, some tenths of a second, during which the window draws and moves already.
+struct GuardMaker {
+  std::vector<Artwork> artworks;
+  std::vector<PlacedExtent> placed;
+  double exaggerate = 1;
+  int workers = 1;
+
+  bool takesTime() const {
+    return std::any_of(artworks.begin(), artworks.end(),
+                       [](const Artwork& artwork) { return !artwork.manifest.domain.isFlat(); });
+  }
+  std::unique_ptr<const EyeGuard> operator()() const {
+    std::vector<std::unique_ptr<const EyeGuard>> guards;
+    for (size_t i = 0; i < artworks.size(); ++i)
+      guards.push_back(placedGuard(makeEyeGuard(artworks[i], exaggerate, workers), placed[i]));
+    return guardOfAll(std::move(guards));
+  }
+};
+
+class Guard {
+ public:
+  explicit Guard(GuardMaker maker) : maker_(std::move(maker)) {
+    if (!maker_.takesTime()) start(false);
+  }
+  void frameShown() {
+    if (!task_) start(true);
+  }
+  bool ready() const { return task_ && task_->ready(); }
+  const EyeGuard* get() { return task_->get().get(); }
+
+ private:
+  void start(bool beside) { task_.emplace("relievo-guard", std::move(maker_), beside); }
+
+  GuardMaker maker_;
+  std::optional<BackgroundTask<std::unique_ptr<const EyeGuard>>> task_;
+};
 
 // The window's life: events are handled, and a frame is drawn where something changed or is still on its way.
 class ViewLoop {
  public:
-  ViewLoop(gl::Window& window, Stage& stage, Hud& hud, ViewControl& control, GuardTask& guard,
-           const ViewerOptions& options)
+  ViewLoop(gl::Window& window, Stage& stage, Hud& hud, ViewControl& control, Guard& guard, const ViewerOptions& options)
       : window_(window), stage_(stage), hud_(hud), control_(control), guard_(guard), options_(options) {}
   Result<void> run();
 
@@ -149,7 +184,7 @@ class ViewLoop {
   Stage& stage_;
   Hud& hud_;
   ViewControl& control_;
-  GuardTask& guard_;
+  Guard& guard_;
   const ViewerOptions& options_;
   const bool exact_still_ = options_.exact_still == ViewerOptions::ExactStill::kAuto
                                 ? !gl::currentContextInfo().software && options_.frames == 0
@@ -177,7 +212,7 @@ class ViewLoop {
 bool ViewLoop::takeEvents(bool busy) {
   bool changed = false;
   if (!guarded_ && guard_.ready()) {
-    changed = control_.setGuard(guard_.get().get());
+    changed = control_.setGuard(guard_.get());
     guarded_ = true;
   }
   for (const gl::Event& e : busy ? window_.pollEvents() : window_.waitEvents(kIdleWaitS)) changed |= control_.handle(e);
@@ -368,6 +403,7 @@ Result<void> ViewLoop::run() {
     if (control_.takeSnapshotRequest()) takeSnapshot(now);
     drawHud(*stats);
     meterFrame();
+    guard_.frameShown();
     if (++frames == options_.frames) {
       if (!options_.snapshot_file.empty()) return writeSnapshot(stage_, options_.snapshot_file, options_);
       break;
@@ -375,26 +411,6 @@ Result<void> ViewLoop::run() {
   }
   return {};
 }
-
-// What keeps the eye outside: at once for flat artworks; over a base mesh on a thread of its own, some tenths of a
-// second, during which the window draws and moves already.
-struct GuardMaker {
-  std::vector<Artwork> artworks;
-  std::vector<PlacedExtent> placed;
-  double exaggerate = 1;
-  int workers = 1;
-
-  bool takesTime() const {
-    return std::any_of(artworks.begin(), artworks.end(),
-                       [](const Artwork& artwork) { return !artwork.manifest.domain.isFlat(); });
-  }
-  std::unique_ptr<const EyeGuard> operator()() const {
-    std::vector<std::unique_ptr<const EyeGuard>> guards;
-    for (size_t i = 0; i < artworks.size(); ++i)
-      guards.push_back(placedGuard(makeEyeGuard(artworks[i], exaggerate, workers), placed[i]));
-    return guardOfAll(std::move(guards));
-  }
-};
 
 // The kinds that all artworks can be shown with.
 std::vector<ReliefShading::Kind> possibleShadings(const Stage& stage, const Scene& scene) {
@@ -419,7 +435,7 @@ Result<void> runViewer(std::vector<StagedArtwork> artworks, const ViewerOptions&
       gl::Window::create(options.title, options.width_px, options.height_px);
   if (!made_window) return made_window.error();
   gl::Window& window = **made_window;
-  heap.finish(gl::currentContextInfo().software);
+  if (!gl::currentContextInfo().software) heap.giveBack();
   GuardMaker make{.exaggerate = options.scene.relief ? options.scene.exaggerate : 0, .workers = options.engine.workers};
   for (const StagedArtwork& one : artworks) {
     make.artworks.push_back(one.artwork);
@@ -427,7 +443,7 @@ Result<void> runViewer(std::vector<StagedArtwork> artworks, const ViewerOptions&
     make.placed.back().pose = one.pose;
   }
   const std::vector<PlacedExtent> placed = make.placed;
-  GuardTask guard("relievo-guard", make, make.takesTime());
+  Guard guard(std::move(make));
   Result<std::unique_ptr<Stage>> made_stage = Stage::create(std::move(artworks), options.scene, options.engine);
   if (!made_stage) return made_stage.error();
   Stage& stage = **made_stage;

@@ -536,8 +536,7 @@ TEST(HeapWarmer, MallocsMemoryIsThereBefore) {
   GTEST_SKIP() << "sanitizers bring a malloc of their own";
 #endif
   const long cold = faultsOfUse();
-  HeapWarmer heap(size_t{48} << 20);
-  heap.finish(true);
+  { HeapWarmer heap(size_t{48} << 20); }
   const long warm = faultsOfUse();
   std::printf("[ heap ] 16 MiB: %ld page faults cold, %ld warm\n", cold, warm);
   EXPECT_LT(warm, 400);

@@ -107,8 +107,8 @@ TEST_P(FewThreads, ABackgroundTaskIsDoneByWhoAsks) {
 
 TEST_P(FewThreads, MemoryIsWarmedOrNot) {
   HeapWarmer heap(size_t{8} << 20);
-  heap.finish(true);
-  heap.finish(true);
+  heap.giveBack();
+  heap.giveBack();
 }
 
 TEST(WorkerThreads, WhatAThreadThrowsIsKeptForItsOwner) {

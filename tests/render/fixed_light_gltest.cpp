@@ -9,6 +9,7 @@
 #include "tests/render/dense_subjects.h"
 #include "tests/render/made_engine.h"
 #include "tests/render/made_pages.h"
+#include "tests/texturing/fake_sources.h"
 
 namespace relievo {
 namespace fixed_light_gltest {
@@ -120,6 +121,30 @@ void expectSame(const Artwork& artwork, const std::string& what, uint32_t most_p
 TEST(FixedLight, OfAFlatArtworkIsTheLiveOne) {
   for (Basis basis : {Basis::kPtmLrgb, Basis::kPtmRgb, otherBases()[0], otherBases()[1]})
     expectSame(denseSubject(PlainTexture(basis), nullptr).artwork, basisName(basis));
+}
+
+// Every page is 50 ms late: by then all of the rest is ready to be shown under the light before. Of this view only the
+// roots are wanted, which show that light meanwhile.
+TEST(FixedLight, IsWaitedForWhereItsPagesAreLate) {
+  Artwork late = denseSubject(PlainTexture(Basis::kPtmRgb), nullptr).artwork;
+  const Artwork prompt = late;
+  late.source = std::make_shared<fake::SlowSource>(late.source, std::chrono::milliseconds(50));
+  auto waits = makeEngine(late, {.relight = false}, {}, kWidth, kHeight);
+  ASSERT_TRUE(waits);
+  OrbitCamera camera = waits->camera();
+  camera.distance_mm *= 4;
+  waits->setCamera(camera);
+  std::vector<uint8_t> before;
+  for (const std::array<double, 3>& light : {std::array{0.8, 0.6, 0.3}, {-0.8, 0.1, 0.4}, {0.0, 0.0, 1.0}}) {
+    auto fresh = makeEngine(prompt, {.light = light, .relight = false}, {}, kWidth, kHeight);
+    ASSERT_TRUE(fresh);
+    fresh->setCamera(camera);
+    const std::vector<uint8_t> now = picture(*waits, {}, false, light);
+    EXPECT_EQ(now, picture(*fresh, {}, false, light));
+    EXPECT_NE(now, before) << "control: the light changes the picture";
+    before = now;
+    for (const NodeRequest& wanted : waits->textureRequests()) EXPECT_EQ(wanted.node.level, 0u);
+  }
 }
 
 TEST(FixedLight, OverPatchesIsTheLiveOneSeenFromTheFront) {

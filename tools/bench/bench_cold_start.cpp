@@ -1,5 +1,7 @@
-// bench_cold_start.cpp - from starting the program to a settled picture: the whole process, as a user waits for it. The
-// package is in the file cache; the driver's compiled shaders are in its own cache, as from the second start on.
+// bench_cold_start.cpp - from starting the program to its first picture, which the roots' pages show, and to a settled
+// one: the whole process, as a user waits for it. The first picture is that of the engine's first frame, which the
+// viewer presents, read back. The package is in the file cache; the driver's compiled shaders are in its own cache, as
+// from the second start on.
 #include <spawn.h>
 #include <sys/wait.h>
 
@@ -17,7 +19,7 @@ namespace relievo {
 namespace {
 
 struct Start {
-  double settled_ms = 0, context_ms = 0;
+  double picture_ms = 0, context_ms = 0;
 };
 
 Result<Start> startOnce(const BenchContext& context, std::vector<std::string> arguments) {
@@ -39,7 +41,7 @@ Result<Start> startOnce(const BenchContext& context, std::vector<std::string> ar
   auto json = parseJson(*text, stats);
   if (!json) return json.error();
   if (!json->is_object() || !json->contains("settled_at_s") || !json->contains("context_ms"))
-    return Error{ErrorKind::kInvalidData, stats, "expected the time of the settled picture", "", {}};
+    return Error{ErrorKind::kInvalidData, stats, "expected the time of the picture", "", {}};
   return Start{((*json)["settled_at_s"].get<double>() - start_s) * 1000, (*json)["context_ms"].get<double>()};
 }
 
@@ -49,31 +51,33 @@ Result<void> coldStartBench(BenchContext& context) {
   struct Case {
     const char* what;
     std::vector<std::string> arguments;
-    bool goal;
+    double beyond_context_ms;  // the goal; 0: none
   };
-  const Case cases[] = {{"program started to settled picture, 1280x720", {}, true},
-                        {"the same without relief", {"--no-relief"}, false},
-                        {"the same, geometric error up to 2 px", {"--error-px", "2"}, false}};
+  const Case cases[] = {{"program started to first coarse picture, 1280x720", {"--no-settle"}, 50},
+                        {"program started to settled picture, 1280x720", {}, 100},
+                        {"the same without relief", {"--no-relief"}, 0},
+                        {"the same, geometric error up to 2 px", {"--error-px", "2"}, 0}};
   for (const Case& c : cases) {
-    std::vector<double> settled, made;
+    std::vector<double> shown, made, beyond;
     for (int i = -1; i < (context.quick ? 5 : 15) && !context.stopped(); ++i) {  // the first fills the caches
       auto start = startOnce(context, c.arguments);
       if (!start) return start.error();
       if (i < 0) continue;
-      settled.push_back(start->settled_ms);
+      shown.push_back(start->picture_ms);
       made.push_back(start->context_ms);
+      beyond.push_back(start->picture_ms - start->context_ms);
     }
     if (context.stopped()) return {};
-    char note[80];
-    std::snprintf(note, sizeof note, "fastest %.0f, slowest %.0f ms of %zu", quantile(settled, 0), quantile(settled, 1),
-                  settled.size());
+    char note[120];
+    std::snprintf(note, sizeof note, "%+.0f ms, of one start; fastest %.0f, slowest %.0f ms of %zu", median(beyond),
+                  quantile(shown, 0), quantile(shown, 1), shown.size());
     BenchRow row{.what = c.what,
-                 .measured = median(settled),
+                 .measured = median(shown),
                  .unit = "ms",
                  .baseline_name = "the driver's context alone",
                  .baseline = median(made),
                  .note = note};
-    if (c.goal) row.goal = 150;
+    if (c.beyond_context_ms > 0) row.goal = median(made) + c.beyond_context_ms;
     context.row(row);
   }
   return {};

@@ -4,7 +4,7 @@
 #include "tools/bench/bench.h"
 
 #define RELIEVO_BENCH_GROUPS(G)                                                                                \
-  G("cold-start", coldStart, "from the program's start to a settled 1280x720 picture")                         \
+  G("cold-start", coldStart, "from the program's start to a first and to a settled 1280x720 picture")          \
   G("feedback", feedback, "the feedback pass at 1/8 of 1280x720: issue, read, analyse")                        \
   G("request-source", requestSource, "which pages a view requests: feedback, edge LOD on the CPU, both")       \
   G("page-table", pageTable, "updates of the page table, and what a resident page costs beside its texels")    \
