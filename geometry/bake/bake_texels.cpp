@@ -406,8 +406,8 @@ void chooseTextureResolution(const BakeContext& context, int requested_depth, Ba
     while (texels(depth) < samples && texels(depth + 1) < static_cast<double>(kMaxTexels)) ++depth;
   }
   // Vertex colours are linear over the scan's triangles, so that a grid somewhat finer than these captures them. If it
-  // is hardly finer, creases show; a quarter of a million samples take a tenth of a second.
-  double grid_points = std::max(2 * vertices, std::min(4 * vertices, 262'144.0));
+  // is hardly finer, creases show; half a million samples take a quarter of a second.
+  double grid_points = std::max(2 * vertices, std::min(16 * vertices, 524'288.0));
   if (texture.palette) grid_points *= 4;  // no cell's corners show a triangle that lies between them
   const int texels_log2 = kPageCellsLog2 + depth;
   texture.sample_grid_log2 = 1;
