@@ -33,10 +33,9 @@ Range growHeap(size_t bytes) {
   return at_the_end ? Range{begin, end} : Range{};
 }
 
-// Changes nothing, as malloc may have handed the memory out meanwhile.
-__attribute__((no_sanitize("thread"))) void touch(uintptr_t at) {
-  __atomic_fetch_or(reinterpret_cast<char*>(at), 0, __ATOMIC_RELAXED);
-}
+// Changes nothing, as malloc may have handed the memory out meanwhile, or given it back to the system: then, and where
+// the system cannot do this, false.
+bool warm(uintptr_t at, size_t bytes) { return madvise(reinterpret_cast<void*>(at), bytes, MADV_POPULATE_WRITE) == 0; }
 
 }  // namespace
 
@@ -50,7 +49,12 @@ HeapWarmer::HeapWarmer(size_t bytes) {
   if (first < last) madvise(reinterpret_cast<void*>(first), last - first, MADV_HUGEPAGE);
   // Without a thread the memory comes as it is asked for.
   thread_.start(1, [this, range] {
-    for (uintptr_t at = (range.begin + kPage - 1) / kPage * kPage; at < range.end && !stop_; at += kPage) touch(at);
+    uintptr_t at = (range.begin + kPage - 1) / kPage * kPage;
+    const uintptr_t end = range.end / kPage * kPage;
+    for (size_t piece = 0; at < end && !stop_; at += piece) {
+      piece = std::min(kHugePage - at % kHugePage, end - at);
+      if (!warm(at, piece)) return;
+    }
   });
 }
 

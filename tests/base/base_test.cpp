@@ -1,4 +1,5 @@
 // src/base: names of places, patches of both kinds, files that appear whole or not at all.
+#include <malloc.h>
 #include <sys/resource.h>
 #include <unistd.h>
 
@@ -541,6 +542,17 @@ TEST(HeapWarmer, MallocsMemoryIsThereBefore) {
   std::printf("[ heap ] 16 MiB: %ld page faults cold, %ld warm\n", cold, warm);
   EXPECT_LT(warm, 400);
   EXPECT_GT(cold, warm);
+}
+
+// A build beside it gives back what malloc has no use for, while the memory is warmed.
+TEST(HeapWarmer, LeavesAloneWhatIsGivenBackMeanwhile) {
+#ifdef RELIEVO_SANITIZED
+  GTEST_SKIP() << "sanitizers bring a malloc of their own";
+#endif
+  for (int i = 0; i < 20; ++i) {
+    HeapWarmer heap(size_t{48} << 20);
+    malloc_trim(0);
+  }
 }
 
 // ---- JSON of files ----
