@@ -434,22 +434,17 @@ std::vector<uint8_t> encodeBaseCode(std::span<const uint8_t> section, double ste
 
 Result<std::vector<uint8_t>> decodeBaseCode(std::span<const uint8_t> code, uint32_t patches, BaseSectionEnd end) {
   assert(end >= BaseSectionEnd::kShapes);
-  auto invalid = [](const std::string& message) {
-    return Error{ErrorKind::kInvalidData, "", "the base mesh is damaged: " + message,
-                 "rebuild the package, or get a whole copy", 0};
-  };
   if (code.size() < kLeastCodedBaseBytes)
-    return invalid("expected at least 8 bytes, found " + std::to_string(code.size()));
+    return damagedBaseMesh("expected at least 8 bytes, found " + std::to_string(code.size()));
   const auto corners = loadLittle<uint32_t>(code.data());
-  if (corners > uint64_t{4} * patches)
-    return invalid("expected at most four corners a patch, found " + std::to_string(corners));
+  if (auto wrong = tooManyCorners(corners, patches)) return *wrong;
   std::vector<uint8_t> section(baseSectionBytes(corners, patches, end));
   storeLittle(section.data(), corners);
   storeLittle(section.data() + 4, patches);
   base_code::DecodingCoder coder{RangeDecoder(code.subspan(4))};
   const auto decoder = std::make_unique<base_code::BaseCode<base_code::DecodingCoder>>(
       coder, section, corners, patches, end == BaseSectionEnd::kTextureDepths);
-  if (!decoder->run(0) || !coder.rc.whole()) return invalid("its code is not one of so many patches");
+  if (!decoder->run(0) || !coder.rc.whole()) return damagedBaseMesh("its code is not one of so many patches");
   return section;
 }
 

@@ -29,6 +29,16 @@ void forEachArray(uint64_t corners, uint64_t patches, BaseSectionEnd end, F f) {
 
 }  // namespace
 
+Error damagedBaseMesh(const std::string& message, uint64_t offset) {
+  return {ErrorKind::kInvalidData, "", "the base mesh is damaged: " + message,
+          "rebuild the package, or get a whole copy", offset};
+}
+
+std::optional<Error> tooManyCorners(uint64_t corners, uint32_t patches) {
+  if (corners <= uint64_t{4} * patches) return std::nullopt;
+  return damagedBaseMesh("expected at most four corners a patch, found " + std::to_string(corners));
+}
+
 std::vector<uint8_t> encodeBaseSection(const BaseSection& section) {
   const BaseMesh& mesh = section.mesh;
   std::vector<uint8_t> out(baseSectionBytes(mesh.corners.size(), mesh.patches.size(),
@@ -64,10 +74,7 @@ std::vector<uint8_t> encodeBaseSection(const BaseSection& section) {
 }
 
 Result<BaseSection> decodeBaseSection(std::span<const uint8_t> bytes, uint32_t patches) {
-  auto invalid = [](uint64_t offset, std::string message) {
-    return Error{ErrorKind::kInvalidData, "", "the base mesh is damaged: " + message,
-                 "rebuild the package, or get a whole copy", offset};
-  };
+  auto invalid = [](uint64_t offset, const std::string& message) { return damagedBaseMesh(message, offset); };
   if (bytes.size() < kBaseHeadBytes)
     return invalid(0, "expected at least 40 bytes, found " + std::to_string(bytes.size()));
   const uint8_t* p = bytes.data();
@@ -187,18 +194,13 @@ std::vector<uint8_t> packBaseSection(std::span<const uint8_t> section, int zstd_
 
 Result<std::vector<uint8_t>> unpackBaseSection(std::span<const uint8_t> packed, uint32_t patches, BaseSectionEnd end) {
   assert(end >= BaseSectionEnd::kShapes);
-  auto invalid = [](const std::string& message) {
-    return Error{ErrorKind::kInvalidData, "", "the base mesh is damaged: " + message,
-                 "rebuild the package, or get a whole copy", 0};
-  };
-  if (packed.size() < 4) return invalid("expected at least 4 bytes, found " + std::to_string(packed.size()));
+  if (packed.size() < 4) return damagedBaseMesh("expected at least 4 bytes, found " + std::to_string(packed.size()));
   const uint64_t corners = loadLittle<uint32_t>(packed.data());
-  if (corners > uint64_t{4} * patches)
-    return invalid("expected at most four corners a patch, found " + std::to_string(corners));
+  if (auto wrong = tooManyCorners(corners, patches)) return *wrong;
   std::vector<uint8_t> planes(baseSectionBytes(corners, patches, end)), out(planes.size());
   const size_t size = ZSTD_decompress(planes.data(), planes.size(), packed.data() + 4, packed.size() - 4);
   if (ZSTD_isError(size) || size != planes.size())
-    return invalid("expected " + std::to_string(planes.size()) + " bytes in a zstd frame, found others");
+    return damagedBaseMesh("expected " + std::to_string(planes.size()) + " bytes in a zstd frame, found others");
   const uint8_t* from = planes.data();
   forEachArray(corners, patches, end, [&](uint64_t first, uint64_t record, uint64_t records) {
     for (uint64_t k = 0; k < record; ++k)

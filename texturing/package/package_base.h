@@ -2,6 +2,7 @@
 #pragma once
 
 #include <cstdint>
+#include <optional>
 #include <span>
 #include <string>
 #include <vector>
@@ -42,6 +43,11 @@ inline constexpr uint64_t kPackedTogether = 2048;
 constexpr uint64_t mostPackedBaseBytes(uint64_t section_bytes) {
   return section_bytes + section_bytes / (kPackedTogether / 4) + 64;
 }
+
+// What is wrong with a section, its offset from the section's start; names no file.
+Error damagedBaseMesh(const std::string& message, uint64_t offset = 0);
+// Of packed and coded sections: more corners than patches can name? Checked before anything is allocated.
+std::optional<Error> tooManyCorners(uint64_t corners, uint32_t patches);
 
 std::vector<uint8_t> encodeBaseSection(const BaseSection& section);
 // Safe for untrusted bytes: counts are compared with the length before anything is allocated. patches: how many there
