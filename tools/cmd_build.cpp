@@ -299,8 +299,8 @@ CLI::Option* addInputOptions(CLI::App& c, BuildArguments& o) {
        "--texture-tolerance", o.texture_tolerance,
        "Leave out texture pages whose texels all lie within so many steps of 1/255 of what a coarser page, or the "
        "patch's 16x16 texels that are always resident, shows there, the root mean square within half as many; and "
-       "store others in a quarter or half of the texels a side where these show them as well. Single normals may be "
-       "off by four times as much: 1.8 degrees a step. -1: keep all, in full")
+       "store others in fewer bytes that show them as well. Single normals may be off by four times as much: 1.8 "
+       "degrees a step. -1: keep all, exactly")
       ->check(CLI::Range(-1.0, 255.0))
       ->needs(mesh)
       ->capture_default_str();

@@ -231,7 +231,7 @@ void printPages(const Contents& c) {
               static_cast<unsigned long long>(left_out), static_cast<unsigned long long>(patchesWithoutTexture(d)));
   const PackageHeader& h = c.package.header();
   if (h.coded_tails)
-    printOutf("    (lossless texture pages may have fewer texels, within the --texture-tolerance of the build)\n");
+    printOutf("    (lossless texture pages may be stored within the --texture-tolerance of the build)\n");
   auto kib = [](uint64_t bytes) { return static_cast<double>(bytes) / 1024; };
   printOutf("    besides   index %.1f KiB", kib(h.index_bytes));
   if (h.base_bytes > 0) printOutf(", base mesh %.1f KiB (twice)", kib(h.base_bytes));

@@ -153,7 +153,9 @@ void pages() {
     smooth[i] = static_cast<uint8_t>(i % kPageFullPx / 2 + i / kPageFullPx % 100);
   constexpr ChannelTolerance kTolerance{8, 4};
   put("page", "texture in fewer texels",
-      asText(0, encoder.encodeTextureWithin(smooth, std::array{kTolerance, kTolerance, kTolerance})));
+      asText(0, encoder.encodeTextureWithin(smooth, std::array{kTolerance, kTolerance, kTolerance}, false)));
+  put("page", "hierarchical texture",
+      asText(0, encoder.encodeTextureWithin(smooth, std::array{kTolerance, kTolerance, kTolerance}, true)));
   std::vector<uint16_t> heights(kReliefPageSamples);
   for (size_t i = 0; i < heights.size(); ++i)
     heights[i] = static_cast<uint16_t>(3 * (i % kReliefSamples) + 5 * (i / kReliefSamples));

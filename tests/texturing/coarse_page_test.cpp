@@ -181,7 +181,8 @@ TEST(CoarsePage, NeighboursMeetWithinTheTolerance) {
         return 128 + 25 * std::sin(6.28 * per_page * at / kSide + c) * std::cos(6.28 * per_page * y / kSide);
       });
       ASSERT_TRUE(
-          decoder.decodeTexture(encoder.encodeTextureWithin(page, kTolerances), shown[static_cast<size_t>(k)]).ok());
+          decoder.decodeTexture(encoder.encodeTextureWithin(page, kTolerances, false), shown[static_cast<size_t>(k)])
+              .ok());
     }
     for (size_t c = 0; c < 3; ++c)
       for (int y = kPageBorderPx; y < kPagePx + kPageBorderPx; ++y)
@@ -214,7 +215,7 @@ TEST(CoarsePage, PagesTakeFewerBytesOrAreLossless) {
   for (double per_page : {1.0, 3.0, 8.0, 30.0}) {
     const Page page = waves(per_page);
     const size_t lossless = encoder.encodeTexture(page).size();
-    const auto bytes = encoder.encodeTextureWithin(page, kTolerances);
+    const auto bytes = encoder.encodeTextureWithin(page, kTolerances, false);
     EXPECT_LE(bytes.size(), lossless);
     if (per_page < 4) {
       EXPECT_LT((per_page < 2 ? 4 : 2) * bytes.size(), lossless) << per_page;
@@ -225,21 +226,21 @@ TEST(CoarsePage, PagesTakeFewerBytesOrAreLossless) {
       EXPECT_TRUE(back == page);
     }
   }
-  EXPECT_TRUE(decoded(encoder.encodeTextureWithin(noise(), kTolerances)) == noise());
+  EXPECT_TRUE(decoded(encoder.encodeTextureWithin(noise(), kTolerances, false)) == noise());
   // Where a coarse page would be exact, none is needed: what is constant takes next to nothing.
   const Page flat = pageOf([](int c, int, int) { return 50 * c; });
-  EXPECT_LT(encoder.encodeTextureWithin(flat, kTolerances).size(), 20u);
-  EXPECT_TRUE(decoded(encoder.encodeTextureWithin(flat, kTolerances)) == flat);
+  EXPECT_LT(encoder.encodeTextureWithin(flat, kTolerances, false).size(), 20u);
+  EXPECT_TRUE(decoded(encoder.encodeTextureWithin(flat, kTolerances, false)) == flat);
   // Nothing may differ: what differs is stored as it is.
   const Page page = waves(3);
-  EXPECT_TRUE(decoded(encoder.encodeTextureWithin(page, std::array<ChannelTolerance, 3>{})) == page);
+  EXPECT_TRUE(decoded(encoder.encodeTextureWithin(page, std::array<ChannelTolerance, 3>{}, false)) == page);
 }
 
 TEST(CoarsePage, DamagedPagesAreRefused) {
   PageEncoder encoder(1);
   PageDecoder decoder;
   Page shown(kTexturePageBytes);
-  const auto encoded = encoder.encodeTextureWithin(waves(1), kTolerances);
+  const auto encoded = encoder.encodeTextureWithin(waves(1), kTolerances, false);
   const std::vector<uint8_t> good(encoded.begin(), encoded.end());
   ASSERT_TRUE(good[0] == 10 || good[0] == 11) << "control";
   ASSERT_EQ(good[1], 4);

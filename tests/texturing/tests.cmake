@@ -26,6 +26,7 @@ relievo_test(mip_test LIBS relievo_stream relievo_import SOURCES texturing/mip_t
 relievo_test(page_codec_test MEMORY LIBS relievo_stream relievo_import SOURCES texturing/page_codec_test.cpp)
 relievo_test(coarse_page_test MEMORY OPTIMISED LIBS relievo_stream relievo_import SOURCES texturing/coarse_page_test.cpp)
 relievo_test(tail_code_test MEMORY LIBS relievo_stream relievo_import SOURCES texturing/tail_code_test.cpp)
+relievo_test(texel_code_test MEMORY OPTIMISED LIBS relievo_stream relievo_import SOURCES texturing/texel_code_test.cpp)
 relievo_test(base_code_test MEMORY LIBS relievo_stream relievo_import SOURCES texturing/base_code_test.cpp)
 relievo_test(page_encoding_test MEMORY LIBS relievo_stream relievo_import JPEG::JPEG SOURCES texturing/page_encoding_test.cpp)
 relievo_test(bc_blocks_test LIBS relievo_stream relievo_import SOURCES texturing/bc_blocks_test.cpp)

@@ -246,8 +246,8 @@ TEST(TextureDepths, PackagesLeaveOutWhatShowsAnywayAndNothingElse) {
   const MostlySmooth source(kSeed);
   const auto whole = built(folder.file("whole.relievo"), source, -1),
              package = built(folder.file("a.relievo"), source, kTolerance);
-  EXPECT_EQ(packageVersion(whole->header()), 7u);
-  EXPECT_EQ(packageVersion(package->header()), 7u);
+  EXPECT_EQ(packageVersion(whole->header()), 8u);
+  EXPECT_EQ(packageVersion(package->header()), 8u);
   EXPECT_FALSE(whole->header().texture_depths);
   const PatchDomain& d = package->manifest().domain;
   ASSERT_TRUE(d.textureDepths());
@@ -269,7 +269,7 @@ TEST(TextureDepths, PackagesLeaveOutWhatShowsAnywayAndNothingElse) {
   }
   EXPECT_GE(bare, 12u);
   EXPECT_TRUE(d.hasUntexturedPatch());
-  EXPECT_EQ(nlohmann::json::parse(package->manifestJson())["version"], 7);
+  EXPECT_EQ(nlohmann::json::parse(package->manifestJson())["version"], 8);
   EXPECT_EQ(d.texturedNodeCount(0), d.patchCount() - bare);
 
   if (!test::kSanitized) {
@@ -341,9 +341,15 @@ TEST(TextureDepths, TheSameBytesForAnyWorkersAndMemoryAndAsWithoutWhereNothingIs
   EXPECT_TRUE(all[0] == all[1]);
   EXPECT_TRUE(all[0] == all[2]);
   const NoisyPatches noise(cubeSphere(1, 100, kSeed), 1, 0, kSeed);
-  built(folder.file("b.relievo"), noise, -1);
-  built(folder.file("c.relievo"), noise, kTolerance);
-  EXPECT_TRUE(readAll(folder.file("b.relievo")) == readAll(folder.file("c.relievo")));
+  std::array<std::vector<uint8_t>, 3> of_noise;
+  for (size_t k = 0; k < 3; ++k) {
+    BuildOptions o = optionsOf(folder.file("b.relievo"), k == 0 ? -1 : kTolerance);
+    o.coded_texels = k == 2;
+    ASSERT_TRUE(buildPatchPackage(noise, o).ok());
+    of_noise[k] = readAll(o.output);
+  }
+  EXPECT_TRUE(of_noise[0] == of_noise[1]);
+  EXPECT_LT(of_noise[2].size(), of_noise[1].size()) << "texels within the tolerance take fewer bytes";
   // Of older kinds of packages nothing is left out.
   BuildOptions older = optionsOf(folder.file("d.relievo"), kTolerance);
   older.compact = false;
@@ -367,11 +373,17 @@ TEST(TextureDepths, VersionsFourAndFiveHoldTheSameTails) {
     ASSERT_TRUE(buildPatchPackage(source, o).ok());
     const auto six = *Package::open(o.output);
     EXPECT_EQ(packageVersion(six->header()), 6u);
+    o.coded_base = true;
+    o.coded_texels = false;
+    o.output = folder.file("seven.relievo");
+    ASSERT_TRUE(buildPatchPackage(source, o).ok());
+    const auto seven = *Package::open(o.output);
+    EXPECT_EQ(packageVersion(seven->header()), 7u);
     EXPECT_EQ(six->tailProblems(), now->tailProblems());
     EXPECT_TRUE(six->manifest().coarse_errors == now->manifest().coarse_errors);
     EXPECT_TRUE(six->manifest().coarse_shapes == now->manifest().coarse_shapes);
     EXPECT_TRUE(*six->manifest().base == *now->manifest().base);
-    EXPECT_EQ(packageVersion(now->header()), 7u);
+    EXPECT_EQ(packageVersion(now->header()), 8u);
     EXPECT_EQ(packageVersion(older->header()), tolerance < 0 ? 4u : 5u);
     EXPECT_EQ(nlohmann::json::parse(older->manifestJson())["version"], tolerance < 0 ? 4 : 5);
     EXPECT_TRUE(now->tailProblems().empty() && older->tailProblems().empty());
@@ -389,12 +401,17 @@ TEST(TextureDepths, VersionsFourAndFiveHoldTheSameTails) {
       }
     }
     const auto whole = built(folder.file("whole.relievo"), source, -1);
+    int hierarchical = 0;
     forEachNode(older->manifest().domain, 1, [&](const NodeId& node) {
       for (int plane = 0; plane < 2 && older->manifest().domain.hasTexturePage(node); ++plane) {
         const PageId id(texturePlane(plane), node);
         EXPECT_TRUE(older->read(id)->bytes == whole->read(id)->bytes) << "older readers know no fewer texels";
+        constexpr uint8_t kHierarchical = 12;
+        EXPECT_NE(seven->read(id)->bytes[0], kHierarchical) << "nor does version 7 know their code";
+        hierarchical += now->read(id)->bytes[0] == kHierarchical;
       }
     });
+    EXPECT_EQ(hierarchical > 0, tolerance >= 0);
   }
 }
 
@@ -560,6 +577,28 @@ class DepthsOfPackage : public ::testing::Test {
   PackageHeader header_;
 };
 
+// Of the first version that has hierarchical texels.
+TEST(TextureDepths, AnUnknownKindOfTexturePagesIsRefused) {
+  ScratchFolder folder;
+  const BuildOptions o = optionsOf(folder.file("a.relievo"), kTolerance);
+  ASSERT_TRUE(buildPatchPackage(MostlySmooth(kSeed, 0), o).ok());
+  const std::vector<uint8_t> good = readAll(o.output);
+  for (uint32_t kind : {0u, 1u, 2u}) {
+    std::vector<uint8_t> bytes = good;
+    for (uint8_t* head : {bytes.data(), bytes.data() + bytes.size() - kHeaderBytes}) {
+      storeLittle(head + 2068, kind);
+      storeLittle(head + kHeaderBytes - 8, static_cast<uint64_t>(XXH3_64bits(head, kHeaderBytes - 8)));
+    }
+    writeAll(o.output, bytes);
+    const auto opened = Package::open(o.output);
+    EXPECT_EQ(opened.ok(), kind == 1);
+    if (!opened.ok()) {
+      EXPECT_EQ(opened.error().kind, ErrorKind::kUnsupported);
+      EXPECT_NE(opened.error().text().find("expected texture pages of kind 1 in version 8, found"), std::string::npos);
+    }
+  }
+}
+
 TEST_F(DepthsOfPackage, hostileFieldsAreRefusedByName) {
   auto expect = [&](const std::string& found, const std::string& words) {
     EXPECT_NE(found.find(words), std::string::npos) << found;
@@ -569,7 +608,7 @@ TEST_F(DepthsOfPackage, hostileFieldsAreRefusedByName) {
   EXPECT_NE(withField(2060, uint32_t{0}), "") << "then all pages would be there";
   expect(withField(2064, uint32_t{0}), "expected tails of kind 1 in version 6, found 0");
   expect(withField(2064, uint32_t{2}), "expected tails of kind 1 in version 6, found 2");
-  expect(withField(8, uint32_t{8}), "expected package version 1 to 7, found 8");
+  expect(withField(8, uint32_t{9}), "expected package version 1 to 8, found 9");
   EXPECT_NE(withField(8, uint32_t{4}), "") << "version 4 has all pages";
   expect(withField(304, uint64_t{0}), "expected the patches' tails in version 6, found none");
   // Other numbers of pages and of the index's bytes, within what any depths could make and beyond.

@@ -90,12 +90,17 @@ int mostAtEdges(const uint8_t* channel, const uint8_t* shown) {
   return most;
 }
 
+double rmsOf(const Off& off) { return std::sqrt(static_cast<double>(off.squares) / (kFull * kFull)); }
+bool within(const Off& off, const uint8_t* channel, const uint8_t* shown, const ChannelTolerance& tolerance) {
+  return off.most <= tolerance.most && rmsOf(off) <= tolerance.rms &&
+         mostAtEdges(channel, shown) <= kEdgeShare * tolerance.most;
+}
+
 // In eighths of a step. Each round adds to a coarse texel what its square lacks in the mean.
 bool reduceChannel(const uint8_t* channel, int factor, const ChannelTolerance& tolerance, uint8_t* coarse) {
   constexpr int kRounds = 4;
   constexpr double kHopeless = 4;  // times the tolerance, after the first round
   const int side = coarseSide(factor), texels = factor * factor;
-  const double at_edges = kEdgeShare * tolerance.most;
   std::vector<int> value(static_cast<size_t>(side * side));
   std::array<uint8_t, kFull * kFull> shown{};
   for (int round = 0; round < kRounds; ++round) {
@@ -112,16 +117,18 @@ bool reduceChannel(const uint8_t* channel, int factor, const ChannelTolerance& t
       }
     enlargeChannel(coarse, factor, shown.data());
     const Off off = offOf(channel, shown.data());
-    const double rms = std::sqrt(static_cast<double>(off.squares) / static_cast<double>(shown.size()));
-    if (off.most <= tolerance.most && rms <= tolerance.rms && mostAtEdges(channel, shown.data()) <= at_edges)
-      return true;
-    if (off.most > kHopeless * tolerance.most || rms > kHopeless * tolerance.rms) return false;
+    if (within(off, channel, shown.data(), tolerance)) return true;
+    if (off.most > kHopeless * tolerance.most || rmsOf(off) > kHopeless * tolerance.rms) return false;
   }
   return false;
 }
 
 }  // namespace
 }  // namespace coarse_page
+
+bool isWithin(const uint8_t* channel, const uint8_t* shown, const ChannelTolerance& tolerance) {
+  return coarse_page::within(coarse_page::offOf(channel, shown), channel, shown, tolerance);
+}
 
 void enlargePage(std::span<const uint8_t> coarse, int factor, std::span<uint8_t> channels) {
   const size_t of_coarse = coarse.size() / 3, of_page = channels.size() / 3;

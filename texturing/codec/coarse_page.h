@@ -24,6 +24,8 @@ inline constexpr std::array<int, 2> kCoarseFactors{4, 2};  // the fewest texels 
 constexpr int coarseSide(int factor) { return kPageFullPx / factor; }
 static_assert(kPageFullPx % 4 == 0);
 
+// Is what is shown of a channel within the tolerance, and at the page's edge within kEdgeShare of it? Of kPageFullPx^2.
+bool isWithin(const uint8_t* channel, const uint8_t* shown, const ChannelTolerance& tolerance);
 // coarse: three channels of coarseSide(factor)^2, channels: of kPageFullPx^2; rows top first.
 void enlargePage(std::span<const uint8_t> coarse, int factor, std::span<uint8_t> channels);
 // The texels from which enlargePage() gives `channels` within the tolerances, and at the page's edge within kEdgeShare

@@ -4,6 +4,7 @@
 //   kJpegFile                      a JPEG
 //   kBlocksRaw, kBlocksZstd        the PageCodec, then blocks of 4 x 4 texels
 //   kCoarseRaw, kCoarseZstd        the factor, then as kRaw and kZstd, of so many times fewer texels a side
+//   kHierarchical, kHierarchicalTexels  a code of the relief or the texture page (relief_code.h, texel_code.h)
 // Texture stream: kPageFullPx^2 residual bytes, or for kConstant the one value. residual = value - prediction (mod
 // 256). Relief stream: residual = value - prediction (mod 2^16), folded (r << 1) ^ (r >> 15, arithmetic) so that small
 // residuals of either sign have a zero high byte; all low bytes, then all high bytes. For kConstant the value's low and
@@ -30,6 +31,7 @@
 #include "texturing/codec/page_block_codec.h"
 #include "texturing/codec/page_jpeg_codec.h"
 #include "texturing/codec/relief_code.h"
+#include "texturing/codec/texel_code.h"
 
 namespace relievo {
 namespace {
@@ -54,7 +56,8 @@ enum Packing : uint8_t {
   kBlocksZstd = 7,
   kHierarchical = 8,  // relief_code.h
   kCoarseRaw = 10,    // coarse_page.h
-  kCoarseZstd = 11
+  kCoarseZstd = 11,
+  kHierarchicalTexels = 12  // texel_code.h
 };
 
 constexpr bool isCoarse(uint8_t packing) { return packing == kCoarseRaw || packing == kCoarseZstd; }
@@ -266,9 +269,10 @@ struct PageEncoder::Impl {
   std::array<uint8_t, std::max(kTexturePageBytes, kReliefBytes)> streams;
   std::array<uint8_t, kTexturePageBytes> levels;
   std::array<uint8_t, kSlotBytes> texels;
-  std::vector<uint8_t> out, hierarchical, lossless;
+  std::vector<uint8_t> out, hierarchical, kept;
   JpegPageEncoder jpeg;
   ReliefCodeScratch relief;
+  TexelCodeScratch texel_code;
 
   // The streams behind the head, packed if that makes them smaller.
   std::span<const uint8_t> pack(Packing raw, size_t head_bytes, size_t stream_bytes) {
@@ -376,12 +380,23 @@ std::span<const uint8_t> PageEncoder::encodeTexture(std::span<const uint8_t> cha
 }
 
 std::span<const uint8_t> PageEncoder::encodeTextureWithin(std::span<const uint8_t> channels,
-                                                          std::span<const ChannelTolerance> tolerances) {
-  constexpr size_t kSmall = 256;  // bytes: not worth the search
+                                                          std::span<const ChannelTolerance> tolerances,
+                                                          bool hierarchical) {
+  constexpr size_t kSmall = 256;     // bytes: not worth the search
+  constexpr size_t kFarSmaller = 2;  // fewer texels are seldom smaller still
   const auto lossless = encodeTexture(channels);
   if (lossless.size() <= kSmall) return lossless;
-  std::vector<uint8_t>& kept = impl_->lossless;
+  std::vector<uint8_t>& kept = impl_->kept;
   kept.assign(lossless.begin(), lossless.end());
+  if (hierarchical) {
+    std::vector<uint8_t>& code = impl_->hierarchical;
+    code.assign(1, kHierarchicalTexels);
+    if (encodeTexelCode(channels, tolerances, impl_->texel_code, code) && code.size() < kept.size()) {
+      const bool far_smaller = kFarSmaller * code.size() < kept.size();
+      kept.swap(code);
+      if (far_smaller) return kept;
+    }
+  }
   static_assert(kCoarseFactors == std::array{4, 2});
   auto coarse = impl_->encodeCoarse<4>(channels, tolerances);
   if (coarse.empty()) coarse = impl_->encodeCoarse<2>(channels, tolerances);
@@ -428,6 +443,7 @@ struct PageDecoder::Impl {
   std::array<uint8_t, kSlotBytes> texels;
   JpegPageDecoder jpeg;
   ReliefCodeScratch relief;
+  TexelCodeScratch texel_code;
 
   // The streams, of exactly the size expected, into `out`.
   Result<void> unpack(bool zstd, std::span<const uint8_t> packed, std::span<uint8_t> out) {
@@ -520,6 +536,10 @@ Result<void> PageDecoder::decodeTexture(std::span<const uint8_t> encoded, std::s
   if (encoded.empty()) return damaged("an encoded page is empty");
   const uint8_t packing = encoded[0];
   if (isCoarse(packing)) return impl_->decodeCoarse(encoded, channels);
+  if (packing == kHierarchicalTexels) {
+    if (decodeTexelCode(encoded.subspan(1), impl_->texel_code, channels)) return {};
+    return damaged("an encoded page of hierarchical texels has too few bytes or too many");
+  }
   const bool quantised = packing == kQuantisedRaw || packing == kQuantisedZstd;
   if (packing > kQuantisedZstd) {  // those decode to texels
     if (auto decoded = decodeToSlot(Plane::kTexture0, encoded, impl_->texels); !decoded) return decoded;
@@ -581,7 +601,7 @@ Result<void> PageDecoder::decodeToSlot(Plane plane, std::span<const uint8_t> enc
     if (encoded.empty()) return damaged("an encoded page is empty");
     if (encoded[0] == kJpegFile) return impl_->jpeg.decode(encoded.subspan(kJpegHeadBytes), texels.data());
     if (encoded[0] == kBlocksRaw || encoded[0] == kBlocksZstd) return impl_->decodeBlocks(encoded, texels.data());
-    if (encoded[0] > kQuantisedZstd && !isCoarse(encoded[0]))
+    if (encoded[0] > kQuantisedZstd && !isCoarse(encoded[0]) && encoded[0] != kHierarchicalTexels)
       return damaged("an encoded page is packed in an unknown way");
     if (auto decoded = decodeTexture(encoded, impl_->channels); !decoded) return decoded;
     interleave(impl_->channels.data(), texels.data());

@@ -7,8 +7,8 @@
 // sample (i, j) at texel (i, j): R = high byte, G = low byte, B = A = 0; texels beyond 128 are 0. Safe for untrusted
 // bytes: any input decodes or fails with an Error, and never reads or writes out of bounds. The same bytes decode to
 // the same texels on every machine. Where neighbouring pages overlap they decode to the same texels, lossy or not:
-// blocks of 4 or 8 texels begin at the same places in both. Pages in fewer texels (coarse_page.h) do so within their
-// tolerance.
+// blocks of 4 or 8 texels begin at the same places in both. Pages in fewer texels (coarse_page.h) and hierarchical ones
+// (texel_code.h) do so within their tolerance.
 #pragma once
 
 #include <cstdint>
@@ -42,9 +42,10 @@ class PageEncoder {
   // Valid until the next call. A page whose JPEG would be larger than its channels is stored losslessly.
   std::span<const uint8_t> encodeTexture(std::span<const uint8_t> channels /* kTexturePageBytes */,
                                          PageEncoding encoding = {});
-  // Losslessly, or in fewer texels where these take fewer bytes and show the page within the tolerances.
+  // Losslessly, or in fewer texels or, if `hierarchical`, as texel_code.h says, where these take fewer bytes and show
+  // the page within the tolerances.
   std::span<const uint8_t> encodeTextureWithin(std::span<const uint8_t> channels /* kTexturePageBytes */,
-                                               std::span<const ChannelTolerance> tolerances /* 3 */);
+                                               std::span<const ChannelTolerance> tolerances /* 3 */, bool hierarchical);
   std::span<const uint8_t> encodeRelief(std::span<const uint16_t> samples /* kReliefPageSamples */,
                                         ReliefEncoding encoding = ReliefEncoding::kRows);
 

@@ -7,6 +7,7 @@
 #include <memory>
 
 #include "texturing/codec/relief_levels.h"
+#include "texturing/codec/residual_code.h"
 
 namespace relievo {
 namespace tail_code {
@@ -74,33 +75,6 @@ enum class Mode : uint8_t {
   kLength,  // the largest component follows from the other two, at the neighbours' length: normals
 };
 constexpr int kModes = 3;
-
-constexpr int kBuckets = 16, kWidths = 8;
-
-// Residuals of one kind.
-struct ResidualModels {
-  BitModel zero[kBuckets], sign[3], larger[kBuckets][kWidths], mantissa[kWidths + 1][2];
-};
-
-// around: the sum of sizes around; slope: of the sum of the residuals before, the sign. residual: -128..127.
-template <class Coder>
-int codeResidual(Coder& coder, ResidualModels& m, uint32_t around, int slope, int residual) {
-  const int bucket = std::min(relief_levels::bucketOf(around), kBuckets - 1);
-  if (!coder.bit(m.zero[bucket], residual != 0)) return 0;
-  const bool negative = coder.bit(m.sign[slope < 0 ? 0 : slope > 0 ? 2 : 1], residual < 0);
-  const auto size = static_cast<uint32_t>(std::abs(residual));
-  const int known = static_cast<int>(std::bit_width(size));
-  int width = 1;
-  while (width < kWidths && coder.bit(m.larger[bucket][width], known > width)) ++width;
-  uint32_t value = 1;
-  int left = width - 1;
-  for (int k = 0; k < 2 && left > 0; ++k) {
-    --left;
-    value = value << 1 | static_cast<uint32_t>(coder.bit(m.mantissa[width][k], size >> left & 1));
-  }
-  if (left > 0) value = value << left | coder.plain(size & ((1u << left) - 1), left);
-  return negative ? -static_cast<int>(value) : static_cast<int>(value);
-}
 
 // The three channels of a plane, patch after patch.
 template <class Coder>
@@ -211,7 +185,7 @@ class PlaneCode {
       if (mode_ == Mode::kLength ? k == 1 : k > 0) around += 2 * size(before);
       uint8_t value = 0;
       if constexpr (kEncodes) value = plane[c * kSide * kSide + static_cast<size_t>(y * kSide + x)];
-      const int residual = codeResidual(coder_, finest_[k], around, w + n, static_cast<int8_t>(value - from));
+      const int residual = residual_code::code(coder_, finest_[k], around, w + n, static_cast<int8_t>(value - from));
       if constexpr (!kEncodes)
         plane[c * kSide * kSide + static_cast<size_t>(y * kSide + x)] = static_cast<uint8_t>(from + residual);
       *r = static_cast<int16_t>(residual);
@@ -229,7 +203,7 @@ class PlaneCode {
         const Texels* f = fine + 4 * y * side + 2 * x;
         const int sum = f[0] + f[1] + f[2 * side] + f[2 * side + 1] + 2, from = sum >> 2;
         const int value = kEncodes ? to[y * side + x] : 0;
-        const int residual = codeResidual(coder_, coarser_[sum & 3], 0, 0, static_cast<int8_t>(value - from));
+        const int residual = residual_code::code(coder_, coarser_[sum & 3], 0, 0, static_cast<int8_t>(value - from));
         if constexpr (!kEncodes) to[y * side + x] = static_cast<uint8_t>(from + residual);
       }
     }
@@ -240,7 +214,7 @@ class PlaneCode {
   std::array<uint8_t, 3> first_;
   bool was_plain_ = false;
   BitModel plain_[2];
-  ResidualModels finest_[3], coarser_[4];
+  residual_code::Models finest_[3], coarser_[4];
   std::array<std::array<int16_t, kRow * kRow>, 3> residuals_;
 };
 

@@ -90,6 +90,8 @@ constexpr size_t kBaseField = 2052;
 constexpr size_t kTextureDepthsField = 2060;
 // From version 6 on: how tails are stored, 1. Before: 0.
 constexpr size_t kTailsField = 2064;
+// From version 8 on: how texture pages may be stored beside what encodings say, 1. Before: 0.
+constexpr size_t kTexelsField = 2068;
 constexpr size_t kBasisName = 320, kBasisNameBytes = 32, kBasisCounts = 352, kBasisEncodings = 368, kBasisScales = 432;
 static_assert(kBasisEncodings + 2 * kMaxTexturePlanes <= kBasisScales);
 static_assert(kBasisScales + 16 * kMaxCoefficients <= kCompactFields[0]);
@@ -347,6 +349,7 @@ void encodeHeader(const PackageHeader& h, std::span<uint8_t> out) {
     for (size_t field : kCompactFields) f.put(field, field == kBaseField && h.coded_base ? 2u : 1u);
   if (h.compact && h.texture_depths) f.put(kTextureDepthsField, 1u);
   if (h.compact && h.coded_tails) f.put(kTailsField, 1u);
+  if (h.compact && h.coded_texels) f.put(kTexelsField, 1u);
   f.put(256, h.relief_detail ? static_cast<uint32_t>(kErrorBlocks) : 0u);
   f.put(260, h.relief_shapes ? 1u : 0u);
   f.put(264, h.base_offset);
@@ -404,8 +407,8 @@ class HeaderDecoder {
                    "make one with `relievo build`", 0};
     }
     version_ = at<uint32_t>(8);
-    if (version_ < 1 || version_ > 7) {
-      return Error{ErrorKind::kUnsupported, path_, "expected package version 1 to 7, found " + std::to_string(version_),
+    if (version_ < 1 || version_ > 8) {
+      return Error{ErrorKind::kUnsupported, path_, "expected package version 1 to 8, found " + std::to_string(version_),
                    "use a newer relievo, or rebuild the package", 8};
     }
     if (at<uint64_t>(kHeaderBytes - 8) != XXH3_64bits(p_, kHeaderBytes - 8))
@@ -455,6 +458,7 @@ class HeaderDecoder {
     h_.compact = version_ >= 4;
     h_.coded_tails = version_ >= 6;
     h_.coded_base = version_ >= 7;
+    h_.coded_texels = version_ >= 8;
     h_.texture_depths = version_ == 5 || (version_ >= 6 && at<uint32_t>(kTextureDepthsField) != 0);
     if (!h_.compact) return {};
     for (size_t field : kCompactFields)
@@ -468,6 +472,9 @@ class HeaderDecoder {
     if (const auto kind = at<uint32_t>(kTailsField); h_.coded_tails && kind != 1)
       return unsupported(kTailsField, "expected tails of kind 1 in version " + std::to_string(version_) + ", found " +
                                           std::to_string(kind));
+    if (const auto kind = at<uint32_t>(kTexelsField); h_.coded_texels && kind != 1)
+      return unsupported(kTexelsField, "expected texture pages of kind 1 in version " + std::to_string(version_) +
+                                           ", found " + std::to_string(kind));
     if (at<uint64_t>(272) == 0)
       return invalid(272, "expected a base mesh in version " + std::to_string(version_) + ", found none");
     return {};

@@ -54,6 +54,8 @@ struct PackageHeader {
   bool coded_tails = false;
   // Version 7, one of version 6 whose base mesh is coded (base_code.h).
   bool coded_base = false;
+  // Version 8, one of version 7 whose texture pages may be hierarchical (texturing/codec/texel_code.h).
+  bool coded_texels = false;
   uint32_t detailBytes() const {
     return relief_detail ? kReliefDetailBytes + (relief_shapes ? kReliefShapesBytes : 0) : 0;
   }
@@ -62,16 +64,11 @@ struct PackageHeader {
   // The directory of the patches' tails (0 bytes: there are none): package_tails.h.
   uint64_t tails_offset = 0, tails_bytes = 0, tails_hash = 0;
 };
-// 7 to 4 where it is compact; else 3 where the header describes the basis; else 1, or 2 with a base mesh: packages
+// 8 to 4 where it is compact; else 3 where the header describes the basis; else 1, or 2 with a base mesh: packages
 // of those bases stay what they were.
 inline uint32_t packageVersion(const PackageHeader& h) {
-  return h.compact                                ? (h.coded_base       ? 7
-                                                     : h.coded_tails    ? 6
-                                                     : h.texture_depths ? 5
-                                                                        : 4)
-         : h.texture.basis > Basis::kAlbedoNormal ? 3
-         : h.base_bytes == 0                      ? 1
-                                                  : 2;
+  if (h.compact) return h.coded_texels ? 8 : h.coded_base ? 7 : h.coded_tails ? 6 : h.texture_depths ? 5 : 4;
+  return h.texture.basis > Basis::kAlbedoNormal ? 3 : h.base_bytes == 0 ? 1 : 2;
 }
 void encodeHeader(const PackageHeader& header, std::span<uint8_t> out /* kHeaderBytes */);
 // Checks magic, version, hash and every field; the error names the field. kUnsupported: what a newer program may know,

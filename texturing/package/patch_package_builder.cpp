@@ -687,7 +687,7 @@ class TextureWriter {
     const PageEncoding encoding = c_.header.encodings[plane];
     if (exactly || !coarse_pages_ || encoding.codec != PageCodec::kLossless)
       return encoder_.encodeTexture(page_, encoding);
-    return encoder_.encodeTextureWithin(page_, std::span(tolerances_).subspan(3 * plane, 3));
+    return encoder_.encodeTextureWithin(page_, std::span(tolerances_).subspan(3 * plane, 3), c_.header.coded_texels);
   }
 
   const Context& c_;
@@ -846,6 +846,7 @@ Result<PackageHeader> planHeader(const PatchSource& source, const BuildOptions& 
   header.compact = options.compact;
   header.coded_tails = options.compact && options.coded_tails;
   header.coded_base = header.coded_tails && options.coded_base;
+  header.coded_texels = header.coded_base && options.coded_texels;
   header.page_count = packageLayout(header.domain, header.texture, 0, 0).page_count;
   header.base_bytes = baseSectionBytes(source.base().corners.size(), header.domain.patchCount());
   return header;
