@@ -3,8 +3,10 @@
 // turns them into texels that name their page and place, so that a texel in the wrong slot shows.
 #pragma once
 
+#include <algorithm>
 #include <array>
 #include <atomic>
+#include <bit>
 #include <chrono>
 #include <condition_variable>
 #include <cstring>
@@ -55,7 +57,13 @@ inline Result<void> fakeDecodeFor(PageCodec upload, Plane plane, std::span<const
   std::memcpy(&id.bits, encoded.data(), 8);
   std::memcpy(&check, encoded.data() + 8, 8);
   if (check != mix(id.bits ^ 0xABCDEF) || id.plane() != plane) return error;
-  for (size_t i = 0; i < texels.size(); ++i) texels[i] = texelByte(id, i);
+  // texelByte() of each, eight at a time.
+  static_assert(std::endian::native == std::endian::little);
+  const uint64_t bits = mix(id.bits);
+  for (size_t i = 0; i < texels.size(); i += 8) {
+    const uint64_t eight = bits ^ 0x0101010101010101ull * static_cast<uint8_t>(i >> 10);
+    std::memcpy(texels.data() + i, &eight, std::min<size_t>(8, texels.size() - i));
+  }
   return {};
 }
 

@@ -176,10 +176,14 @@ class MostlySmoothPatches final : public NoisyPatches {
   Result<void> texels(uint32_t patch, std::span<uint8_t> out) const override {
     size_t i = 0;
     const double side = texelSide();
+    std::vector<glm::dvec3> places;
+    for (int y = 0; y < texelSide(); ++y)
+      for (int x = 0; x < texelSide(); ++x)
+        places.push_back(glm::normalize(base().point(patch, (x + 0.5) / side, (y + 0.5) / side) / kRadiusMm));
     for (int c = 0; c < format().channels(); ++c)
       for (int y = 0; y < texelSide(); ++y)
         for (int x = 0; x < texelSide(); ++x, ++i) {
-          const glm::dvec3 at = glm::normalize(base().point(patch, (x + 0.5) / side, (y + 0.5) / side) / kRadiusMm);
+          const glm::dvec3& at = places[i % places.size()];
           double value = c < 3 ? 128 + 40 * at[c] : 127.5 + 100 * at[c - 3];
           const auto random = static_cast<double>(mixBits(i * 131 + patch) % 1000) / 1000 - 0.5;
           if (patch == kWeak) value += 12 * random;
