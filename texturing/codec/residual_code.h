@@ -29,8 +29,8 @@ constexpr Models firstModels() {
   return m;
 }
 
-// around: the sum of sizes around; slope: of the sum of the residuals before, the sign. residual: -128..127, or
-// -255..255 (a decoder's: damaged bytes too give no larger ones).
+// around: the sum of sizes around; slope: of the sum of the residuals before, the sign. residual: at most 255 in size,
+// as is what any bytes decode to.
 template <class Coder>
 int code(Coder& coder, Models& m, uint32_t around, int slope, int residual) {
   const int bucket = std::min(relief_levels::bucketOf(around), kBuckets - 1);

@@ -52,8 +52,8 @@ struct Predictions {
   std::array<std::array<int16_t, kMostInRow>, 3> of;  // channel by channel
 };
 
-// Four known texels are next to one: a and b opposite one another, c and d, too. It is predicted by the mean of all, or
-// of the pair whose texels are much closer to one another than the other pair's: along a crease. By that of all where
+// Four known texels lie next to one: a and b opposite one another, and c and d. Its prediction is the mean of all, or
+// of the pair whose texels are much closer to one another than the other pair's, as along a crease. Always of all where
 // `mean` is set: next to the page's border the pairs tell little.
 inline int16_t predictedBy(int16_t first, int16_t second, int16_t apart_first, int16_t apart_second, bool mean) {
   constexpr int kMuch = 2, kNoise = 16;
@@ -182,7 +182,7 @@ class Rounding {
   // before: residuals of the channel before; then of this one.
   RELIEVO_SIMD_CLONES static void roundChannel(const uint8_t* from, int apart, const int16_t* predicted, int count,
                                                int step, bool alike, int16_t* before, uint8_t* texel) noexcept {
-    // n inverse >> 16 is n / (2 step) for all n that occur: below 1024.
+    // n inverse >> 16 is n / (2 step) for all n that occur: at most 510 + step.
     const auto inverse = static_cast<uint16_t>((65535 + 2 * step) / (2 * step));
     int16_t own[kMostInRow], shown[kMostInRow];
     for (int i = 0; i < count; ++i) own[i] = from[i * apart];
