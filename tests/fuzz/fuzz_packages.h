@@ -29,7 +29,7 @@ class SmoothPatches final : public testing_support::NoisyPatches {
   }
 };
 
-// Noise on the last patch alone: the first one needs no texture pages, the others do.
+// Waves on the last patch alone: the first one needs no texture pages, the others do.
 class PartlyPlainPatches final : public testing_support::NoisyPatches {
  public:
   using NoisyPatches::NoisyPatches;
