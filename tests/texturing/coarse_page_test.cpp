@@ -9,6 +9,7 @@
 
 #include <gtest/gtest.h>
 
+#include "tests/texturing/page_of.h"
 #include "texturing/codec/page_codec.h"
 
 namespace relievo::coarse_page_test {
@@ -19,17 +20,8 @@ constexpr int kSide = kPageFullPx;
 constexpr size_t kChannel = size_t{kSide} * kSide;
 using Page = std::vector<uint8_t>;
 
-// Calls value(channel, x, y) for each texel.
-template <class Value>
-Page pageOf(Value value) {
-  Page out(kTexturePageBytes);
-  for (int c = 0; c < 3; ++c)
-    for (int y = 0; y < kSide; ++y)
-      for (int x = 0; x < kSide; ++x)
-        out[static_cast<size_t>((c * kSide + y) * kSide + x)] =
-            static_cast<uint8_t>(std::clamp(std::lround(value(c, x, y)), 0l, 255l));
-  return out;
-}
+using testing_support::pageOf;
+
 Page waves(double per_page) {
   return pageOf([=](int c, int x, int y) {
     return 128 + 60 * std::sin(6.28 * per_page * x / kSide + c) * std::cos(6.28 * per_page * y / kSide);

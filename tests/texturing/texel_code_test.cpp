@@ -16,6 +16,7 @@
 #include <gtest/gtest.h>
 
 #include "tests/texturing/format_coder.h"
+#include "tests/texturing/page_of.h"
 #include "texturing/codec/page_codec.h"
 
 namespace relievo::texel_code_test {
@@ -31,17 +32,8 @@ using Page = std::vector<uint8_t>;
 using Tolerances = std::array<ChannelTolerance, 3>;
 constexpr Tolerances kOfNormals{{{8, 1}, {8, 1}, {8, 1}}}, kOfColours{{{2, 1}, {2, 1}, {2, 1}}}, kExact{};
 
-// Calls value(channel, x, y) for each texel.
-template <class Value>
-Page pageOf(Value value) {
-  Page out(kTexturePageBytes);
-  for (int c = 0; c < 3; ++c)
-    for (int y = 0; y < kSide; ++y)
-      for (int x = 0; x < kSide; ++x)
-        out[static_cast<size_t>((c * kSide + y) * kSide + x)] =
-            static_cast<uint8_t>(std::clamp(std::lround(value(c, x, y)), 0l, 255l));
-  return out;
-}
+using testing_support::pageOf;
+
 // Normals of a wavy surface, beyond an oblique line tilted: a crease.
 Page normals(double waves, bool creased) {
   return pageOf([=](int c, int x, int y) {
