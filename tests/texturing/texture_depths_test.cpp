@@ -363,21 +363,16 @@ TEST(TextureDepths, VersionsFourAndFiveHoldTheSameTails) {
   const MostlySmooth source(kSeed, 0);
   for (const double tolerance : {-1.0, kTolerance}) {
     const auto now = built(folder.file("now.relievo"), source, tolerance);
-    BuildOptions o = optionsOf(folder.file("older.relievo"), tolerance);
-    o.coded_tails = false;
-    ASSERT_TRUE(buildPatchPackage(source, o).ok());
-    const auto older = *Package::open(o.output);
-    o.coded_tails = true;
-    o.coded_base = false;
-    o.output = folder.file("six.relievo");
-    ASSERT_TRUE(buildPatchPackage(source, o).ok());
-    const auto six = *Package::open(o.output);
+    auto without = [&](bool BuildOptions::*coded, const std::string& name) {
+      BuildOptions o = optionsOf(folder.file(name), tolerance);
+      o.*coded = false;
+      EXPECT_TRUE(buildPatchPackage(source, o).ok());
+      return *Package::open(o.output);
+    };
+    const auto older = without(&BuildOptions::coded_tails, "older.relievo"),
+               six = without(&BuildOptions::coded_base, "six.relievo"),
+               seven = without(&BuildOptions::coded_texels, "seven.relievo");
     EXPECT_EQ(packageVersion(six->header()), 6u);
-    o.coded_base = true;
-    o.coded_texels = false;
-    o.output = folder.file("seven.relievo");
-    ASSERT_TRUE(buildPatchPackage(source, o).ok());
-    const auto seven = *Package::open(o.output);
     EXPECT_EQ(packageVersion(seven->header()), 7u);
     EXPECT_EQ(six->tailProblems(), now->tailProblems());
     EXPECT_TRUE(six->manifest().coarse_errors == now->manifest().coarse_errors);

@@ -391,7 +391,8 @@ std::span<const uint8_t> PageEncoder::encodeTextureWithin(std::span<const uint8_
   if (hierarchical) {
     std::vector<uint8_t>& code = impl_->hierarchical;
     code.assign(1, kHierarchicalTexels);
-    if (encodeTexelCode(channels, tolerances, impl_->texel_code, code) && code.size() < kept.size()) {
+    encodeTexelCode(channels, tolerances, impl_->texel_code, code);
+    if (code.size() < kept.size()) {
       const bool far_smaller = kFarSmaller * code.size() < kept.size();
       kept.swap(code);
       if (far_smaller) return kept;

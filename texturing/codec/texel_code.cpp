@@ -353,7 +353,7 @@ class PageCode {
   int parent_side_ = 0;
 };
 
-bool encode(std::span<const uint8_t> channels, std::span<const ChannelTolerance> tolerances, TexelCodeScratch& scratch,
+void encode(std::span<const uint8_t> channels, std::span<const ChannelTolerance> tolerances, TexelCodeScratch& scratch,
             std::vector<uint8_t>& out) {
   assert(channels.size() == 3 * kChannel && tolerances.size() == 3);
   Rounding rounding(channels.data(), scratch);
@@ -375,7 +375,6 @@ bool encode(std::span<const uint8_t> channels, std::span<const ChannelTolerance>
   EncodingCoder coder{RangeEncoder(out)};
   PageCode<EncodingCoder>(coder, scratch, nullptr, &rounding).run(head);
   coder.rc.finish();
-  return true;
 }
 
 bool decode(std::span<const uint8_t> bytes, TexelCodeScratch& scratch, std::span<uint8_t> channels) {
@@ -388,9 +387,9 @@ bool decode(std::span<const uint8_t> bytes, TexelCodeScratch& scratch, std::span
 }  // namespace
 }  // namespace texel_code
 
-bool encodeTexelCode(std::span<const uint8_t> channels, std::span<const ChannelTolerance> tolerances,
+void encodeTexelCode(std::span<const uint8_t> channels, std::span<const ChannelTolerance> tolerances,
                      TexelCodeScratch& scratch, std::vector<uint8_t>& out) {
-  return texel_code::encode(channels, tolerances, scratch, out);
+  texel_code::encode(channels, tolerances, scratch, out);
 }
 
 bool decodeTexelCode(std::span<const uint8_t> bytes, TexelCodeScratch& scratch, std::span<uint8_t> channels) {

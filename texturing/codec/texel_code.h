@@ -22,8 +22,8 @@ struct TexelCodeScratch {
 };
 
 // channels: three of kPageFullPx^2, rows top first. Appends to out what a decoder shows within the tolerances, and at
-// the page's edge within kEdgeShare of them. False: there is nothing such; out is as it was.
-bool encodeTexelCode(std::span<const uint8_t> channels, std::span<const ChannelTolerance> tolerances /* 3 */,
+// the page's edge within kEdgeShare of them; exactly, if nothing less is.
+void encodeTexelCode(std::span<const uint8_t> channels, std::span<const ChannelTolerance> tolerances /* 3 */,
                      TexelCodeScratch& scratch, std::vector<uint8_t>& out);
 // False: the bytes are not such a page. channels are then of any content.
 bool decodeTexelCode(std::span<const uint8_t> bytes, TexelCodeScratch& scratch, std::span<uint8_t> channels);
