@@ -539,7 +539,8 @@ Result<void> MeshBuild::bake() {
   const double diagonal = diagonalOf(scan), asked = toleranceOf(a_, diagonal);
   const double most = asked > 0 ? asked : target().p99_9_mm;
   if (asked > 0 || more_samples_ || finer_cells_) bake_options.tolerance_mm = most / (finer_cells_ ? 12 : 3);
-  bake_options.prefer_touching = refined_ || base_kind_ != BaseKind::kEven;
+  if (base_kind_ == BaseKind::kSimplified) bake_options.touching = Touching::kAlways;
+  else if (refined_ || base_kind_ == BaseKind::kFaces) bake_options.touching = Touching::kFacing;
   // Corners that are rounded to the lattice, and to single precision, lie so far from the scan's planes.
   constexpr double kRounding = 2e-7, kHalfOfCell = 0.87;
   if (base_kind_ == BaseKind::kFaces) bake_options.touch_mm = kHalfOfCell * baseStep() + kRounding * diagonal;
@@ -668,7 +669,8 @@ Result<bool> MeshBuild::useSimplified(std::span<const RefineRequest> requests) {
 }
 
 Result<void> MeshBuild::replaceHopelessBase() {
-  if (a_.patches > 0 || !isHopeless(base_.patches.size())) return {};
+  const double of_default = target().p99_9_mm / FidelityTarget::of(diagonalOf(loaded_.mesh)).p99_9_mm;
+  if (a_.patches > 0 || !isHopeless(base_.patches.size(), domain_->lostArea(), of_default)) return {};
   const Result<bool> replaced =
       replaceFirstBase([&](uint32_t max_patches) { return useFaces(max_patches); }, [&] { return useSimplified({}); });
   return replaced ? Result<void>() : replaced.error();
@@ -690,9 +692,12 @@ Result<bool> MeshBuild::nextBase(const Fidelity& now, BakeLimit limit, bool bett
   for (const FidelityViolation& m : now.violations)
     requests.push_back({m.position_mm, m.distance_mm > kLargeMiss * now.target.max_mm ? 64.0f : 16.0f});
   if (base_kind_ == BaseKind::kSimplified) {
-    const bool own_triangles = loaded_.mesh.triangles.size() <= 2 * size_t{kMostFaces};
-    const auto next =
-        simplified_rounds_.after({now.excess(), fidelity_.excess(), better, fidelity_.kept()}, own_triangles);
+    using OwnTriangles = SimplifiedRounds::OwnTriangles;
+    const size_t triangles = loaded_.mesh.triangles.size(), few = 6 * size_t{kMostPatches};
+    const auto own = triangles <= few                      ? OwnTriangles::kFew
+                     : triangles <= 2 * size_t{kMostFaces} ? OwnTriangles::kMany
+                                                           : OwnTriangles::kTooMany;
+    const auto next = simplified_rounds_.after({now.excess(), fidelity_.excess(), better, fidelity_.kept()}, own);
     if (next == SimplifiedRounds::Next::kEnd) return false;
     if (next == SimplifiedRounds::Next::kOwnTriangles) {
       // Thin parts and parts that touch: the scan's own triangles show them, at many times the bytes.
@@ -700,8 +705,8 @@ Result<bool> MeshBuild::nextBase(const Fidelity& now, BakeLimit limit, bool bett
       if (simplified_rounds_.over() || !done || *done) return done;
     }
   } else if (now.excess() <= kHopeless || !first) {
-    // Where the samples ran out, patches that stay as they are get more of them first.
-    if (limit == BakeLimit::kSamples && !std::exchange(more_samples_, true)) return true;
+    // Where the samples ran out, those of the next bases are chosen by the tolerance.
+    more_samples_ |= limit == BakeLimit::kSamples;
     // Far off, a base that is finer may first be worse, before it finds the surface.
     in_vain_ = better || fidelity_.excess() > kFarOff ? 0 : in_vain_ + 1;
     // Near the target the next base is a small one: what is refined where it missed comes to keep it sooner or later.

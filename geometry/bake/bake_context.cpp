@@ -52,7 +52,7 @@ void BakeContext::intersect(LineBatch& batch) const {
   findHits(batch);
   if (touch_mm > 0)
     for (size_t i = 0; i < batch.hits.size(); ++i) batch.hits[i] = pointAtOrigin(batch.lines[i], batch.hits[i]);
-  if (!prefer_touching) return;
+  if (touching == Touching::kIgnored) return;
   FreeBall free;
   for (size_t i = 0; i < batch.hits.size(); ++i)
     if (batch.hits[i]) batch.hits[i] = touchingPoint(batch.lines[i], batch.hits[i], free);
@@ -91,7 +91,8 @@ SurfacePoint BakeContext::touchingPoint(const Line& line, const SurfacePoint& hi
            glm::dvec3(of_vertex[t[2]]) * near.b2;
   };
   const glm::dvec3 normal = interpolate(normals->normals);
-  if (glm::dot(normal, line.direction) < kFacing * glm::length(normal) * length) return hit;
+  if (touching == Touching::kFacing && glm::dot(normal, line.direction) < kFacing * glm::length(normal) * length)
+    return hit;
   near.along = glm::dot(interpolate(mesh->positions_mm) - line.at, line.direction) / (length * length);
   return near;
 }

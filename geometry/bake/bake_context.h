@@ -16,6 +16,7 @@
 
 #include "geometry/bake/corner_normals.h"
 #include "geometry/bake/line_rasteriser.h"
+#include "geometry/bake/mesh_bake.h"
 #include "geometry/bake/sample_layout.h"
 #include "geometry/mesh/ray_scene.h"
 #include "geometry/mesh/tri_mesh.h"
@@ -99,9 +100,9 @@ struct BakeContext {
   SampleLayout layout;
   int workers = 0;
   const std::atomic<bool>* interrupted = nullptr;
-  bool prefer_touching = false;  // BakeOptions
-  double touch_mm = 0;           // BakeOptions
-  glm::dvec3 shift{0};           // from the base's coordinates to the scan's
+  Touching touching = Touching::kIgnored;  // BakeOptions
+  double touch_mm = 0;                     // BakeOptions
+  glm::dvec3 shift{0};                     // from the base's coordinates to the scan's
   // The next three come from makeBakeScene().
   std::shared_ptr<const RayScene> scene;
   std::shared_ptr<const LineRasteriser> rasteriser;
@@ -155,9 +156,9 @@ struct BakeContext {
     double radius = 0;
   };
   void findHits(LineBatch& batch) const;
-  // The closest point of the scan instead of a hit that is far from it, if the scan faces along the line there: next to
-  // a sharp edge a line may pass between the triangles' rounded coordinates, or just beside the edge, and meet another
-  // part of the scan.
+  // The closest point of the scan instead of a hit that is far from it, if `touching` allows it there: next to a sharp
+  // edge a line may pass between the triangles' rounded coordinates, or just beside the edge, and meet another part of
+  // the scan.
   SurfacePoint touchingPoint(const Line& line, const SurfacePoint& hit, FreeBall& free) const;
   // The scan's point at the line's own origin, or the hit if there is none.
   SurfacePoint pointAtOrigin(const Line& line, SurfacePoint hit) const;

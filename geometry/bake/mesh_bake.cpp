@@ -172,7 +172,7 @@ Result<std::unique_ptr<MeshBake>> MeshBake::create(const TriMesh& mesh, const Im
   auto impl = std::make_unique<Impl>(mesh, base);
   impl->context.workers = options.workers;
   impl->context.interrupted = options.interrupted;
-  impl->context.prefer_touching = options.prefer_touching;
+  impl->context.touching = options.touching;
   impl->context.touch_mm = options.touch_mm;
   impl->texture = textureOf(mesh, image);
   if (!scene.rays) {

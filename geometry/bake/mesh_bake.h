@@ -18,6 +18,15 @@
 
 namespace relievo {
 
+// What is done where a line meets the scan far from the base, but the base touches the scan.
+enum class Touching : uint8_t {
+  kIgnored,  // nothing
+  kFacing,   // the height is taken there if the scan faces along the line: bases whose sides follow sharp edges need it
+  // It is taken there whichever way the scan faces: for bases all of whose corners lie on the scan. At thin parts their
+  // normals are so far apart that lines run along the surface, and leave it.
+  kAlways,
+};
+
 struct BakeOptions {
   // log2 of the relief cells of a patch's side, 1 to 14. -1: cells are doubled until 99.9 % of the surface lies within
   // tolerance_mm of the scan, but at most 2^10, and with at most 16 samples for each vertex of the scan (256 if a
@@ -33,9 +42,9 @@ struct BakeOptions {
   // No fit is made where the deviation is larger than so many times the tolerance when no more cells are tried: a base
   // of another shape is needed there, and a bake that only shows this need not be the best. 0: it is always made.
   double fit_within = 0;
-  // Where a line meets the scan far from the base but the base touches the scan, the height is taken there. Bases whose
-  // sides follow sharp edges need this. It costs a search of the closest point for such lines.
-  bool prefer_touching = false;
+  // Where a line meets the scan far from the base but the base touches the scan. It costs a search of the closest point
+  // for such lines.
+  Touching touching = Touching::kIgnored;
   // Heights are 0 where the scan is within this distance of the base, whichever way it faces there. For bases that lie
   // on the scan.
   double touch_mm = 0;

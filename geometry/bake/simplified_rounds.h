@@ -26,14 +26,17 @@ class SimplifiedRounds {
     bool kept = false;          // the one of the least keeps the target
   };
   enum class Next : uint8_t { kAgain, kOwnTriangles, kEnd };
-  // own_triangles: they may be patches.
-  Next after(const Bake& bake, bool own_triangles) {
+  // Whether the scan's own triangles may be patches. Few of them take hardly more bytes than simplified ones.
+  enum class OwnTriangles : uint8_t { kTooMany, kMany, kFew };
+  Next after(const Bake& bake, OwnTriangles own) {
+    const bool own_triangles = own != OwnTriangles::kTooMany;
     ++round_;
     in_vain_ = bake.better ? 0 : in_vain_ + 1;
     const int times = !bake.kept && bake.least < kNearly ? 2 : 1, rounds = times * kRounds;
     // What the last two rounds gained, as often again as rounds are left.
     const double gained = bake.least / least_before_[1], left = std::max(rounds - round_ + 1, 0) / 2.0;
-    const bool in_sight = round_ < 3 || bake.least * std::pow(gained, left) <= kFarOff;
+    const bool in_sight = own == OwnTriangles::kFew ? bake.least <= kFarOff
+                                                    : round_ < 3 || bake.least * std::pow(gained, left) <= kFarOff;
     least_before_ = {bake.least, least_before_[0]};
     over_ = round_ > rounds || in_vain_ >= times * kInVain || bake.own > kHopeless;
     if (over_) return bake.least > kFarOff && own_triangles ? Next::kOwnTriangles : Next::kEnd;

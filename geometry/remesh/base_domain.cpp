@@ -310,7 +310,10 @@ Result<Candidate> bestCandidate(const BaseMeshBuilder& builder, const BaseDomain
     if (isSet(options.interrupted)) return interruptedError();
     Candidate candidate = i == 0 ? builder.makeSheet(options.patches) : Candidate{};
     // A relief loses nothing: what the evaluation would report stems from its coarse cells.
-    if (!candidate.empty() && isRelief(builder.view_direction)) return candidate;
+    if (!candidate.empty() && isRelief(builder.view_direction)) {
+      candidate.lost_area = 0;
+      return candidate;
+    }
     // Small pieces need a minimum of patches: numbers below what the last candidate had bring nothing new.
     if (options.patches == 0 && i > 0 && 5 * last > 6 * patch_counts[i]) continue;
     if (candidate.empty()) candidate = builder.make(patch_counts[i], weight);
@@ -506,6 +509,7 @@ struct BaseDomain::Impl {
 BaseDomain::BaseDomain(std::unique_ptr<Impl> impl) : impl_(std::move(impl)) {}
 BaseDomain::~BaseDomain() = default;
 size_t BaseDomain::patches() const { return impl_->last.quads.n_faces(); }
+double BaseDomain::lostArea() const { return impl_->last.lost_area; }
 
 Result<std::unique_ptr<BaseDomain>> BaseDomain::create(const TriMesh& mesh, const BaseDomainOptions& options) {
   if (options.patches > kMaxPatches)

@@ -1,4 +1,4 @@
-// What takes the place of a first base that has too many patches: what has the fewest, if there is any.
+// What takes the place of a first base that can only miss: what has the fewest, if there is any.
 #include "geometry/bake/first_base.h"
 
 #include <gtest/gtest.h>
@@ -10,10 +10,21 @@ namespace first_base_test {
 
 TEST(FirstBase, IsHopelessBeyondTwiceThePatchesThereMayBe) {
   // The smallest closed piece takes six: 1,365 of them may still be baked.
-  EXPECT_FALSE(isHopeless(6 * 1365));
-  EXPECT_FALSE(isHopeless(8192));
-  EXPECT_TRUE(isHopeless(8193));
-  EXPECT_TRUE(isHopeless(6 * 1366));
+  EXPECT_FALSE(isHopeless(6 * 1365, 0, 1));
+  EXPECT_FALSE(isHopeless(8192, 0, 1));
+  EXPECT_TRUE(isHopeless(8193, 0, 1));
+  EXPECT_TRUE(isHopeless(6 * 1366, 0, 1));
+}
+
+TEST(FirstBase, IsHopelessWhereMoreThanThreeHundredthsAreOutOfReach) {
+  EXPECT_FALSE(isHopeless(800, 0.029, 1));
+  EXPECT_TRUE(isHopeless(800, 0.031, 1));
+  // A target ten times as coarse allows ten times as much, a finer one no less.
+  EXPECT_FALSE(isHopeless(800, 0.29, 10));
+  EXPECT_TRUE(isHopeless(800, 0.31, 10));
+  EXPECT_FALSE(isHopeless(800, 0.029, 0.1));
+  // The number of patches does not depend on it.
+  EXPECT_TRUE(isHopeless(8193, 0, 10));
 }
 
 // What was asked for, one after the other; 0 is the base of simplified triangles.

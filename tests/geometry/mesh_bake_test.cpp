@@ -233,7 +233,7 @@ TEST(BakeContext, LinesTogetherMeetWhatTheyMeetEachAlone) {
   BakeContext context(mesh, base);
   context.scene = scene->rays;
   context.normals = scene->normals;
-  context.prefer_touching = true;
+  context.touching = Touching::kFacing;
   LineBatch together;
   for (uint32_t i = 0; i < 4000; ++i) {
     // A fiftieth of a cell apart, on no edge; from far beside the border to it.
@@ -596,12 +596,13 @@ TEST(MeshBake, aBaseThatTouchesABorderDoesNotJumpToAnotherSheet) {
   for (float y : {1.0f, 0.0f})
     for (float x : {-1e-5f, 1.0f}) base.corners.push_back({{x, y, 0}, {0, 0, 1}});
   base.patches = {{0, 1, 2, 3}};
-  auto highestOf = [&](bool prefer_touching) {
-    const auto baked = bake(mesh, base, {.cells_log2 = 2, .fit = false, .prefer_touching = prefer_touching});
+  auto highestOf = [&](Touching touching) {
+    const auto baked = bake(mesh, base, {.cells_log2 = 2, .fit = false, .touching = touching});
     return baked->reliefOffsetMm() + 65535 * baked->reliefScaleMm();
   };
-  EXPECT_NEAR(highestOf(true), 0, 1e-6);
-  EXPECT_NEAR(highestOf(false), 0.2, 1e-4) << "the shape no longer shows the difference";
+  EXPECT_NEAR(highestOf(Touching::kFacing), 0, 1e-6);
+  EXPECT_NEAR(highestOf(Touching::kAlways), 0, 1e-6);
+  EXPECT_NEAR(highestOf(Touching::kIgnored), 0.2, 1e-4) << "the shape no longer shows the difference";
 }
 
 // A box as its own base, all normals upwards: lines from its bottom and its walls meet its top, or nothing.
@@ -621,6 +622,13 @@ TEST(MeshBake, aBaseOnTheScanKeepsItsPlaceWhateverItsNormals) {
   };
   EXPECT_EQ(highestOf(1e-5), 0);
   EXPECT_GT(highestOf(0), 5) << "the shape no longer shows the difference";
+  // The bottom faces away from its lines.
+  auto highestTouching = [&](Touching touching) {
+    const auto baked = bake(mesh, base, {.cells_log2 = 2, .fit = false, .touching = touching});
+    return std::abs(baked->reliefOffsetMm()) + 65535 * baked->reliefScaleMm();
+  };
+  EXPECT_NEAR(highestTouching(Touching::kAlways), 0, 1e-6);
+  EXPECT_GT(highestTouching(Touching::kFacing), 5) << "the shape no longer shows the difference";
 }
 
 TEST(MeshBake, needlesDoNoHarm) {

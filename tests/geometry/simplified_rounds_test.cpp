@@ -10,6 +10,7 @@ namespace relievo {
 namespace simplified_rounds_test {
 
 using Next = SimplifiedRounds::Next;
+using Own = SimplifiedRounds::OwnTriangles;
 
 // The rounds that bakes of these ratios to the target get, up to the first that does not say "again".
 struct Outcome {
@@ -18,13 +19,13 @@ struct Outcome {
   bool over = false;
   friend bool operator==(const Outcome&, const Outcome&) = default;
 };
-Outcome roundsOf(const std::vector<double>& ratios, bool own_triangles) {
+Outcome roundsOf(const std::vector<double>& ratios, Own own) {
   SimplifiedRounds rounds;
   double least = 1e300;
   for (size_t i = 0; i < ratios.size(); ++i) {
     const bool better = ratios[i] < least;
     least = std::min(least, ratios[i]);
-    const Next next = rounds.after({ratios[i], least, better, least <= 1}, own_triangles);
+    const Next next = rounds.after({ratios[i], least, better, least <= 1}, own);
     if (next != Next::kAgain) return {i + 1, next, rounds.over()};
   }
   return {ratios.size(), Next::kAgain, rounds.over()};
@@ -33,32 +34,36 @@ Outcome roundsOf(const std::vector<double>& ratios, bool own_triangles) {
 TEST(SimplifiedRounds, ThatLeadNowhereEndEarlyWhereTheOwnTrianglesCanBePatches) {
   // 28 after two rounds that gained a third together: three more would end at 10.
   const std::vector<double> slow{30, 28, 20, 18, 15, 13};
-  EXPECT_EQ(roundsOf(slow, true), (Outcome{3, Next::kOwnTriangles, false}));
+  EXPECT_EQ(roundsOf(slow, Own::kMany), (Outcome{3, Next::kOwnTriangles, false}));
   // Control: where there is nothing else, every round is tried, and at the end what there is is kept.
-  EXPECT_EQ(roundsOf(slow, false), (Outcome{6, Next::kEnd, true}));
+  EXPECT_EQ(roundsOf(slow, Own::kTooMany), (Outcome{6, Next::kEnd, true}));
   // Control: rounds that halve what is missed lead to the target: 30, 15, 7.5, and three more end at 1.
-  EXPECT_EQ(roundsOf({30, 15, 7.5, 3.7}, true), (Outcome{4, Next::kAgain, false}));
+  EXPECT_EQ(roundsOf({30, 15, 7.5, 3.7}, Own::kMany), (Outcome{4, Next::kAgain, false}));
   // Not before the third round: the first ones are of a base that nothing is known about.
-  EXPECT_EQ(roundsOf({30, 29.9}, true), (Outcome{2, Next::kAgain, false}));
+  EXPECT_EQ(roundsOf({30, 29.9}, Own::kMany), (Outcome{2, Next::kAgain, false}));
+  // Few own triangles are worth their bytes at once where the target is far off, and not before.
+  EXPECT_EQ(roundsOf({30, 15, 7.5, 3.7}, Own::kFew), (Outcome{1, Next::kOwnTriangles, false}));
+  EXPECT_EQ(roundsOf({4.1}, Own::kFew), (Outcome{1, Next::kOwnTriangles, false}));
+  EXPECT_EQ(roundsOf({3.9, 3.5, 3.1}, Own::kFew), (Outcome{3, Next::kAgain, false}));
   // What stops to gain after a good begin ends, too, once the last two rounds show it.
-  EXPECT_EQ(roundsOf({30, 12, 9, 8.9, 8.8}, true), (Outcome{4, Next::kOwnTriangles, false}));
+  EXPECT_EQ(roundsOf({30, 12, 9, 8.9, 8.8}, Own::kMany), (Outcome{4, Next::kOwnTriangles, false}));
 }
 
 TEST(SimplifiedRounds, EndWhereNoMoreHelp) {
   // Twice in a row no better; the own triangles only where it is far off.
-  EXPECT_EQ(roundsOf({20, 21, 22}, true), (Outcome{3, Next::kOwnTriangles, true}));
-  EXPECT_EQ(roundsOf({3, 3.1, 3.2}, true), (Outcome{3, Next::kEnd, true}));
-  EXPECT_EQ(roundsOf({40}, true), (Outcome{1, Next::kOwnTriangles, true}));
-  EXPECT_EQ(roundsOf({40}, false), (Outcome{1, Next::kEnd, true}));
+  EXPECT_EQ(roundsOf({20, 21, 22}, Own::kMany), (Outcome{3, Next::kOwnTriangles, true}));
+  EXPECT_EQ(roundsOf({3, 3.1, 3.2}, Own::kMany), (Outcome{3, Next::kEnd, true}));
+  EXPECT_EQ(roundsOf({40}, Own::kMany), (Outcome{1, Next::kOwnTriangles, true}));
+  EXPECT_EQ(roundsOf({40}, Own::kTooMany), (Outcome{1, Next::kEnd, true}));
   // Near the target four times in a row, but no more than twice once it is kept.
-  EXPECT_EQ(roundsOf({3, 1.9, 2, 2.1, 2.2, 2.3}, true), (Outcome{6, Next::kEnd, true}));
-  EXPECT_EQ(roundsOf({3, 1.9, 2, 2.1, 2.2}, true), (Outcome{5, Next::kAgain, false}));
-  EXPECT_EQ(roundsOf({1.5, 0.95, 1.2, 1.3}, true), (Outcome{4, Next::kEnd, true}));
+  EXPECT_EQ(roundsOf({3, 1.9, 2, 2.1, 2.2, 2.3}, Own::kMany), (Outcome{6, Next::kEnd, true}));
+  EXPECT_EQ(roundsOf({3, 1.9, 2, 2.1, 2.2}, Own::kMany), (Outcome{5, Next::kAgain, false}));
+  EXPECT_EQ(roundsOf({1.5, 0.95, 1.2, 1.3}, Own::kMany), (Outcome{4, Next::kEnd, true}));
   // Six bakes as a rule, eleven where the target is nearly kept.
-  EXPECT_EQ(roundsOf(std::vector<double>{3, 2.9, 2.8, 2.7, 2.6, 2.5, 2.4}, true), (Outcome{6, Next::kEnd, true}));
+  EXPECT_EQ(roundsOf(std::vector<double>{3, 2.9, 2.8, 2.7, 2.6, 2.5, 2.4}, Own::kMany), (Outcome{6, Next::kEnd, true}));
   std::vector<double> near;
   for (int i = 0; i < 12; ++i) near.push_back(1.25 - 0.01 * i);
-  EXPECT_EQ(roundsOf(near, true), (Outcome{11, Next::kEnd, true}));
+  EXPECT_EQ(roundsOf(near, Own::kMany), (Outcome{11, Next::kEnd, true}));
 }
 
 }  // namespace simplified_rounds_test

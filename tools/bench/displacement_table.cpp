@@ -156,7 +156,7 @@ class ScanRows {
       for (const FidelityViolation& v : control.violations) requests.push_back({v.position_mm});
       constexpr uint32_t kMostPatches = 4096;
       if (auto refined = domain->refine(requests, kMostPatches); refined.ok())
-        addBake(kRefined, mesh, *refined, {.prefer_touching = true}, scene, &many);
+        addBake(kRefined, mesh, *refined, {.touching = Touching::kFacing}, scene, &many);
     }
     return std::move(rows_);
   }
