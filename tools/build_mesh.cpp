@@ -539,7 +539,7 @@ Result<void> MeshBuild::bake() {
   const double diagonal = diagonalOf(scan), asked = toleranceOf(a_, diagonal);
   const double most = asked > 0 ? asked : target().p99_9_mm;
   if (asked > 0 || more_samples_ || finer_cells_) bake_options.tolerance_mm = most / (finer_cells_ ? 12 : 3);
-  if (base_kind_ == BaseKind::kSimplified) bake_options.touching = Touching::kAlways;
+  if (base_kind_ == BaseKind::kSimplified) bake_options.touching = Touching::kSameSheet;
   else if (refined_ || base_kind_ == BaseKind::kFaces) bake_options.touching = Touching::kFacing;
   // Corners that are rounded to the lattice, and to single precision, lie so far from the scan's planes.
   constexpr double kRounding = 2e-7, kHalfOfCell = 0.87;

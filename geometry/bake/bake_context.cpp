@@ -55,7 +55,7 @@ void BakeContext::intersect(LineBatch& batch) const {
   if (touching == Touching::kIgnored) return;
   FreeBall free;
   for (size_t i = 0; i < batch.hits.size(); ++i)
-    if (batch.hits[i]) batch.hits[i] = touchingPoint(batch.lines[i], batch.hits[i], free);
+    if (batch.hits[i]) batch.hits[i] = touchingPoint(batch, i, free);
 }
 
 SurfacePoint BakeContext::pointAtOrigin(const Line& line, SurfacePoint hit) const {
@@ -68,12 +68,16 @@ SurfacePoint BakeContext::pointAtOrigin(const Line& line, SurfacePoint hit) cons
   return hit;
 }
 
-SurfacePoint BakeContext::touchingPoint(const Line& line, const SurfacePoint& hit, FreeBall& free) const {
+SurfacePoint BakeContext::touchingPoint(const LineBatch& batch, size_t i, FreeBall& free) const {
+  const Line& line = batch.lines[i];
+  const SurfacePoint& hit = batch.hits[i];
   // Hits nearer than this share of the reach do little harm.
   constexpr double kHarmless = 0.02;
   // Where the surface from the closest point to the hit were a plane that faces along the line as much as kFacing, the
   // closest point would be further away than kNear times the hit.
   constexpr double kNear = 0.1, kFacing = 0.2;
+  // A surface whose normal is this far from the base's own is another sheet, seen from behind.
+  constexpr double kOpposite = -0.5;
   if (std::abs(hit.along) < kHarmless * line.reach) return hit;
   const double length = glm::length(line.direction);
   const double within = kNear * std::abs(hit.along) * length;
@@ -91,7 +95,8 @@ SurfacePoint BakeContext::touchingPoint(const Line& line, const SurfacePoint& hi
            glm::dvec3(of_vertex[t[2]]) * near.b2;
   };
   const glm::dvec3 normal = interpolate(normals->normals);
-  if (touching == Touching::kFacing && glm::dot(normal, line.direction) < kFacing * glm::length(normal) * length)
+  if (glm::dot(normal, line.direction) < kFacing * glm::length(normal) * length &&
+      (touching == Touching::kFacing || glm::dot(normal, batch.baseNormal(i)) < kOpposite * glm::length(normal)))
     return hit;
   near.along = glm::dot(interpolate(mesh->positions_mm) - line.at, line.direction) / (length * length);
   return near;

@@ -6,6 +6,7 @@
 #include <algorithm>
 #include <array>
 #include <atomic>
+#include <cmath>
 #include <cstddef>
 #include <cstdint>
 #include <memory>
@@ -87,6 +88,13 @@ struct LineBatch {
   // Lines that the rasteriser leaves open are traced as rays.
   std::vector<Line> unresolved;
   std::vector<SurfacePoint> unresolved_hits;
+  // The unit normal of the base's surface where the i-th line begins.
+  glm::dvec3 baseNormal(size_t i) const {
+    const auto& p = square.points;
+    const double u = double{raster_lines[i].u}, v = double{raster_lines[i].v};
+    const glm::dvec3 along_u = glm::mix(p[1] - p[0], p[3] - p[2], v), along_v = glm::mix(p[2] - p[0], p[3] - p[1], u);
+    return glm::normalize(glm::cross(along_v, along_u));
+  }
   void add(const Line& line, double u, double v, double start) {
     lines.push_back(line);
     raster_lines.push_back(
@@ -159,7 +167,7 @@ struct BakeContext {
   // The closest point of the scan instead of a hit that is far from it, if `touching` allows it there: next to a sharp
   // edge a line may pass between the triangles' rounded coordinates, or just beside the edge, and meet another part of
   // the scan.
-  SurfacePoint touchingPoint(const Line& line, const SurfacePoint& hit, FreeBall& free) const;
+  SurfacePoint touchingPoint(const LineBatch& batch, size_t i, FreeBall& free) const;
   // The scan's point at the line's own origin, or the hit if there is none.
   SurfacePoint pointAtOrigin(const Line& line, SurfacePoint hit) const;
 };

@@ -22,9 +22,10 @@ namespace relievo {
 enum class Touching : uint8_t {
   kIgnored,  // nothing
   kFacing,   // the height is taken there if the scan faces along the line: bases whose sides follow sharp edges need it
-  // It is taken there whichever way the scan faces: for bases all of whose corners lie on the scan. At thin parts their
-  // normals are so far apart that lines run along the surface, and leave it.
-  kAlways,
+  // It is taken there whichever way the line runs, unless the scan faces opposite to the base itself: for bases all of
+  // whose corners lie on the scan. At thin parts their normals are so far apart that lines run along the surface, and
+  // leave it.
+  kSameSheet,
 };
 
 struct BakeOptions {

@@ -15,7 +15,7 @@ namespace relievo {
 class SimplifiedRounds {
  public:
   static constexpr int kRounds = 5, kInVain = 2;  // bakes; of them in a row, none better than those before
-  // Times the target: beyond the first the own triangles are worth their bytes, beyond the second no round is.
+  // Times the target: beyond the first the own triangles are worth their bytes at once, beyond the second no round is.
   static constexpr double kFarOff = 4, kHopeless = 32;
   static constexpr double kNearly = 2;  // times the target: twice as many rounds are worth their while
 
@@ -39,7 +39,7 @@ class SimplifiedRounds {
                                                     : round_ < 3 || bake.least * std::pow(gained, left) <= kFarOff;
     least_before_ = {bake.least, least_before_[0]};
     over_ = round_ > rounds || in_vain_ >= times * kInVain || bake.own > kHopeless;
-    if (over_) return bake.least > kFarOff && own_triangles ? Next::kOwnTriangles : Next::kEnd;
+    if (over_) return !bake.kept && own_triangles ? Next::kOwnTriangles : Next::kEnd;
     return in_sight || !own_triangles ? Next::kAgain : Next::kOwnTriangles;
   }
   // No further round is worth its while, whether or not there is anything else.

@@ -50,20 +50,22 @@ TEST(SimplifiedRounds, ThatLeadNowhereEndEarlyWhereTheOwnTrianglesCanBePatches) 
 }
 
 TEST(SimplifiedRounds, EndWhereNoMoreHelp) {
-  // Twice in a row no better; the own triangles only where it is far off.
+  // Twice in a row no better; then the own triangles, if there may be so many patches.
   EXPECT_EQ(roundsOf({20, 21, 22}, Own::kMany), (Outcome{3, Next::kOwnTriangles, true}));
-  EXPECT_EQ(roundsOf({3, 3.1, 3.2}, Own::kMany), (Outcome{3, Next::kEnd, true}));
+  EXPECT_EQ(roundsOf({3, 3.1, 3.2}, Own::kMany), (Outcome{3, Next::kOwnTriangles, true}));
+  EXPECT_EQ(roundsOf({3, 3.1, 3.2}, Own::kTooMany), (Outcome{3, Next::kEnd, true}));
   EXPECT_EQ(roundsOf({40}, Own::kMany), (Outcome{1, Next::kOwnTriangles, true}));
   EXPECT_EQ(roundsOf({40}, Own::kTooMany), (Outcome{1, Next::kEnd, true}));
   // Near the target four times in a row, but no more than twice once it is kept.
-  EXPECT_EQ(roundsOf({3, 1.9, 2, 2.1, 2.2, 2.3}, Own::kMany), (Outcome{6, Next::kEnd, true}));
+  EXPECT_EQ(roundsOf({3, 1.9, 2, 2.1, 2.2, 2.3}, Own::kMany), (Outcome{6, Next::kOwnTriangles, true}));
   EXPECT_EQ(roundsOf({3, 1.9, 2, 2.1, 2.2}, Own::kMany), (Outcome{5, Next::kAgain, false}));
   EXPECT_EQ(roundsOf({1.5, 0.95, 1.2, 1.3}, Own::kMany), (Outcome{4, Next::kEnd, true}));
   // Six bakes as a rule, eleven where the target is nearly kept.
-  EXPECT_EQ(roundsOf(std::vector<double>{3, 2.9, 2.8, 2.7, 2.6, 2.5, 2.4}, Own::kMany), (Outcome{6, Next::kEnd, true}));
+  EXPECT_EQ(roundsOf(std::vector<double>{3, 2.9, 2.8, 2.7, 2.6, 2.5, 2.4}, Own::kMany),
+            (Outcome{6, Next::kOwnTriangles, true}));
   std::vector<double> near;
   for (int i = 0; i < 12; ++i) near.push_back(1.25 - 0.01 * i);
-  EXPECT_EQ(roundsOf(near, Own::kMany), (Outcome{11, Next::kEnd, true}));
+  EXPECT_EQ(roundsOf(near, Own::kMany), (Outcome{11, Next::kOwnTriangles, true}));
 }
 
 }  // namespace simplified_rounds_test
