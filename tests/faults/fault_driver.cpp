@@ -241,8 +241,12 @@ void makeInputs(const Workshop& shop, int big) {
   writeAll(shop.work() / "in" / "coloured.mtl", "newmtl a\nKd 0.9 0.1 0.1\n");
 }
 
+const std::string kPackage = "in/package.relievo";
+bool readsPackage(const Operation& op) {
+  return std::find(op.arguments.begin(), op.arguments.end(), kPackage) != op.arguments.end();
+}
 std::vector<Operation> operations() {
-  const std::string p = "in/package.relievo";
+  const std::string& p = kPackage;
   return {
       {"build image",
        {"build", "-o", "out/o.relievo", "--image", "in/image.ppm", "--relief", "in/heights.pgm", "--relief-px", "0:30",
@@ -392,24 +396,26 @@ std::map<std::string, std::string> settingsOf(const Fault& f, uint64_t n) {
 }
 
 int faultTable(const Arguments& arguments) {
+  std::vector<Operation> tried = operations();
+  if (arguments.only == "control") tried = {{"control", {"build", "-o", "out/o.relievo"}, {{"o.relievo", ""}}}};
+  std::erase_if(tried, [&](const Operation& op) { return !arguments.only.empty() && op.name != arguments.only; });
   std::vector<std::unique_ptr<Workshop>> shops;
   for (int j = 0; j < arguments.jobs; ++j) {
     shops.push_back(std::make_unique<Workshop>(arguments, std::to_string(j)));
     makeInputs(*shops.back(), 0);
-    if (arguments.only == "control") continue;
-    const Run made = shops.back()->run({"build", "-o", "in/package.relievo", "--image", "in/image.ppm", "--relief",
-                                        "in/heights.pgm", "--relief-px", "0:30"},
-                                       {});
+  }
+  if (std::any_of(tried.begin(), tried.end(), readsPackage)) {
+    const Run made = shops[0]->run(
+        {"build", "-o", kPackage, "--image", "in/image.ppm", "--relief", "in/heights.pgm", "--relief-px", "0:30"}, {});
     if (made.exit_code != 0)
       return std::fprintf(stderr, "fault_driver: cannot build the package to try: %s\n", made.err.c_str()), 4;
+    for (const auto& shop : shops)
+      if (shop != shops[0]) fs::copy_file(shops[0]->work() / kPackage, shop->work() / kPackage);
   }
   Judge judge;
   uint64_t runs = 0;
   std::vector<std::string> table;
-  std::vector<Operation> tried = operations();
-  if (arguments.only == "control") tried = {{"control", {"build", "-o", "out/o.relievo"}, {{"o.relievo", ""}}}};
   for (const Operation& op : tried) {
-    if (!arguments.only.empty() && op.name != arguments.only) continue;
     const Reference reference = referenceOf(*shops[0], op);
     shops[0]->reset(oldFiles(op));
     const Run counted = shops[0]->run(op.arguments, {{"NTH", "0"}});
