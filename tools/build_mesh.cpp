@@ -436,11 +436,13 @@ class MeshBuild {
   uint64_t ray_bytes_ = 0;        // that the hierarchies of the scan's rays may take
   double kept_tolerance_mm_ = 0;  // the least that is kept after a miss; 0: none was found
   bool finer_cells_ = false;      // than the target asks for
-  bool best_is_known_ = false;    // what is baked is kept
-  bool refined_ = false;          // the base mesh is not the one that BaseDomain::make() made
+  Touching touching_of_faces_ = Touching::kFacing;
+  bool best_is_known_ = false;  // what is baked is kept
+  bool refined_ = false;        // the base mesh is not the one that BaseDomain::make() made
   BaseKind base_kind_ = BaseKind::kEven;
   int round_ = 0, in_vain_ = 0;  // bakes of this kind of base, and how many of the last ones were no better
   SimplifiedRounds simplified_rounds_;
+  std::vector<FidelityViolation> missed_first_;  // by the first bake of simplified triangles
   bool more_samples_ = false;  // a bake that is told its tolerance may take 16 times as many (BakeOptions)
   MeshBuildResult result_;
 };
@@ -539,8 +541,10 @@ Result<void> MeshBuild::bake() {
   const double diagonal = diagonalOf(scan), asked = toleranceOf(a_, diagonal);
   const double most = asked > 0 ? asked : target().p99_9_mm;
   if (asked > 0 || more_samples_ || finer_cells_) bake_options.tolerance_mm = most / (finer_cells_ ? 12 : 3);
-  if (base_kind_ == BaseKind::kSimplified) bake_options.touching = Touching::kSameSheet;
-  else if (refined_ || base_kind_ == BaseKind::kFaces) bake_options.touching = Touching::kFacing;
+  if (base_kind_ == BaseKind::kSimplified)
+    bake_options.touching = simplified_rounds_.otherWay() ? Touching::kAlways : Touching::kSameSheet;
+  else if (base_kind_ == BaseKind::kFaces) bake_options.touching = touching_of_faces_;
+  else if (refined_) bake_options.touching = Touching::kFacing;
   // Corners that are rounded to the lattice, and to single precision, lie so far from the scan's planes.
   constexpr double kRounding = 2e-7, kHalfOfCell = 0.87;
   if (base_kind_ == BaseKind::kFaces) bake_options.touch_mm = kHalfOfCell * baseStep() + kRounding * diagonal;
@@ -681,16 +685,21 @@ Result<bool> MeshBuild::nextBase(const Fidelity& now, BakeLimit limit, bool bett
   // Beyond it patches of even size would have to be too many. Near the target they make smaller packages.
   constexpr double kHopeless = SimplifiedRounds::kHopeless, kFarOff = SimplifiedRounds::kFarOff;
   const bool first = round_++ == 0;
-  // What lines between samples miss of such a base, more samples show.
-  if (base_kind_ == BaseKind::kFaces) return !std::exchange(finer_cells_, true);
+  if (base_kind_ == BaseKind::kFaces) {
+    // What lines miss of such a base where it touches the scan, and then what lines between samples miss.
+    if (std::exchange(touching_of_faces_, Touching::kAlways) == Touching::kFacing) return true;
+    return !std::exchange(finer_cells_, true);
+  }
   if (first && base_kind_ == BaseKind::kEven) {
     // Few triangles may be patches themselves: these show the scan as it is.
     auto done = useFaces(kMostPatches);
     if (!done || *done) return done;
   }
   std::vector<RefineRequest> requests;
-  for (const FidelityViolation& m : now.violations)
-    requests.push_back({m.position_mm, m.distance_mm > kLargeMiss * now.target.max_mm ? 64.0f : 16.0f});
+  auto ask = [&](const std::vector<FidelityViolation>& missed) {
+    for (const FidelityViolation& m : missed)
+      requests.push_back({m.position_mm, m.distance_mm > kLargeMiss * now.target.max_mm ? 64.0f : 16.0f});
+  };
   if (base_kind_ == BaseKind::kSimplified) {
     using OwnTriangles = SimplifiedRounds::OwnTriangles;
     const size_t triangles = loaded_.mesh.triangles.size(), few = 6 * size_t{kMostPatches};
@@ -699,6 +708,11 @@ Result<bool> MeshBuild::nextBase(const Fidelity& now, BakeLimit limit, bool bett
                                                            : OwnTriangles::kTooMany;
     const auto next = simplified_rounds_.after({now.excess(), fidelity_.excess(), better, fidelity_.kept()}, own);
     if (next == SimplifiedRounds::Next::kEnd) return false;
+    if (next == SimplifiedRounds::Next::kSameBase) {
+      missed_first_ = now.violations;
+      return true;
+    }
+    ask(simplified_rounds_.firstWasBetter() ? missed_first_ : now.violations);
     if (next == SimplifiedRounds::Next::kOwnTriangles) {
       // Thin parts and parts that touch: the scan's own triangles show them, at many times the bytes.
       auto done = useFaces(kMostFaces);
@@ -713,6 +727,7 @@ Result<bool> MeshBuild::nextBase(const Fidelity& now, BakeLimit limit, bool bett
     const int more = fidelity_.excess() < SimplifiedRounds::kNearly ? kInVain : 0;
     if (round_ <= kRounds + more && in_vain_ < kInVain + more && domain_->patches() < kMostPatches) {
       refined_ = true;
+      ask(now.violations);
       auto done = use(BaseKind::kEven, stages_.run("base", [&] { return domain_->refine(requests, kMostPatches); }));
       if (!done || *done) return done;
     }

@@ -95,9 +95,9 @@ SurfacePoint BakeContext::touchingPoint(const LineBatch& batch, size_t i, FreeBa
            glm::dvec3(of_vertex[t[2]]) * near.b2;
   };
   const glm::dvec3 normal = interpolate(normals->normals);
-  if (glm::dot(normal, line.direction) < kFacing * glm::length(normal) * length &&
-      (touching == Touching::kFacing || glm::dot(normal, batch.baseNormal(i)) < kOpposite * glm::length(normal)))
-    return hit;
+  const bool along = glm::dot(normal, line.direction) >= kFacing * glm::length(normal) * length;
+  auto isOpposite = [&] { return glm::dot(normal, batch.baseNormal(i)) < kOpposite * glm::length(normal); };
+  if (!along && (touching == Touching::kFacing || (touching == Touching::kSameSheet && isOpposite()))) return hit;
   near.along = glm::dot(interpolate(mesh->positions_mm) - line.at, line.direction) / (length * length);
   return near;
 }

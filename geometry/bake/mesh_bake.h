@@ -26,6 +26,7 @@ enum class Touching : uint8_t {
   // whose corners lie on the scan. At thin parts their normals are so far apart that lines run along the surface, and
   // leave it.
   kSameSheet,
+  kAlways,  // it is taken there, whichever way the scan faces
 };
 
 struct BakeOptions {

@@ -607,6 +607,7 @@ TEST(MeshBake, aBaseThatTouchesABorderDoesNotJumpToAnotherSheet) {
   for (size_t t = 0; t < 2; ++t) std::swap(mesh.triangles[t][1], mesh.triangles[t][2]);
   for (const Touching touching : {Touching::kFacing, Touching::kSameSheet})
     EXPECT_NEAR(highestOf(touching), 0.2, 1e-4) << int(touching);
+  EXPECT_NEAR(highestOf(Touching::kAlways), 0, 1e-6);
 }
 
 // A box as its own base, all normals upwards: lines from its bottom and its walls meet its top, or nothing.

@@ -12,7 +12,8 @@ namespace simplified_rounds_test {
 using Next = SimplifiedRounds::Next;
 using Own = SimplifiedRounds::OwnTriangles;
 
-// The rounds that bakes of these ratios to the target get, up to the first that does not say "again".
+// The rounds that bakes of these ratios to the target get, up to the first that does not say "again". In the other way
+// the first base misses by more.
 struct Outcome {
   size_t rounds = 0;
   Next last = Next::kAgain;
@@ -25,7 +26,8 @@ Outcome roundsOf(const std::vector<double>& ratios, Own own) {
   for (size_t i = 0; i < ratios.size(); ++i) {
     const bool better = ratios[i] < least;
     least = std::min(least, ratios[i]);
-    const Next next = rounds.after({ratios[i], least, better, least <= 1}, own);
+    Next next = rounds.after({ratios[i], least, better, least <= 1}, own);
+    if (next == Next::kSameBase) next = rounds.after({1.1 * ratios[i], least, false, least <= 1}, own);
     if (next != Next::kAgain) return {i + 1, next, rounds.over()};
   }
   return {ratios.size(), Next::kAgain, rounds.over()};
@@ -66,6 +68,39 @@ TEST(SimplifiedRounds, EndWhereNoMoreHelp) {
   std::vector<double> near;
   for (int i = 0; i < 12; ++i) near.push_back(1.25 - 0.01 * i);
   EXPECT_EQ(roundsOf(near, Own::kMany), (Outcome{11, Next::kOwnTriangles, true}));
+}
+
+// The first base is baked in both ways, and the others in the better one.
+TEST(SimplifiedRounds, TakeTheWayThatMissesLess) {
+  for (const bool other_is_better : {false, true}) {
+    SimplifiedRounds rounds;
+    EXPECT_FALSE(rounds.otherWay());
+    EXPECT_EQ(rounds.after({3, 3, true, false}, Own::kMany), Next::kSameBase);
+    EXPECT_TRUE(rounds.otherWay());
+    EXPECT_EQ(rounds.after(other_is_better ? SimplifiedRounds::Bake{2, 2, true, false}
+                                           : SimplifiedRounds::Bake{4, 3, false, false},
+                           Own::kMany),
+              Next::kAgain);
+    EXPECT_EQ(rounds.otherWay(), other_is_better);
+    EXPECT_EQ(rounds.firstWasBetter(), !other_is_better);
+    // Never again, whatever comes.
+    EXPECT_EQ(rounds.after({1.5, 1.5, true, false}, Own::kMany), Next::kAgain);
+    EXPECT_EQ(rounds.otherWay(), other_is_better);
+    EXPECT_FALSE(rounds.firstWasBetter());
+  }
+}
+
+TEST(SimplifiedRounds, CountBothWaysOfTheFirstBaseAsOne) {
+  // The first base was better than what there was before, if either of its bakes was: the next one is in vain once.
+  SimplifiedRounds rounds;
+  EXPECT_EQ(rounds.after({3, 3, true, false}, Own::kTooMany), Next::kSameBase);
+  EXPECT_EQ(rounds.after({40, 3, false, false}, Own::kTooMany), Next::kAgain) << "the better one is not hopeless";
+  EXPECT_EQ(rounds.after({3.1, 3, false, false}, Own::kTooMany), Next::kAgain);
+  EXPECT_EQ(rounds.after({3.2, 3, false, false}, Own::kTooMany), Next::kEnd);
+  // What is hopeless in one way is not tried in the other.
+  SimplifiedRounds hopeless;
+  EXPECT_EQ(hopeless.after({40, 40, true, false}, Own::kTooMany), Next::kEnd);
+  EXPECT_FALSE(hopeless.otherWay());
 }
 
 }  // namespace simplified_rounds_test
