@@ -725,9 +725,11 @@ Result<bool> MeshBuild::nextBase(const Fidelity& now, BakeLimit limit, bool bett
     in_vain_ = better || fidelity_.excess() > kFarOff ? 0 : in_vain_ + 1;
     // Near the target the next base is a small one: what is refined where it missed comes to keep it sooner or later.
     const int more = fidelity_.excess() < SimplifiedRounds::kNearly ? kInVain : 0;
-    if (round_ <= kRounds + more && in_vain_ < kInVain + more && domain_->patches() < kMostPatches) {
+    // Where they would be nearly as many as there may be, simplified triangles show more.
+    constexpr uint32_t kMostEven = kMostPatches / 8 * 7;
+    ask(now.violations);
+    if (round_ <= kRounds + more && in_vain_ < kInVain + more && domain_->patchesToRefine(requests) <= kMostEven) {
       refined_ = true;
-      ask(now.violations);
       auto done = use(BaseKind::kEven, stages_.run("base", [&] { return domain_->refine(requests, kMostPatches); }));
       if (!done || *done) return done;
     }

@@ -504,6 +504,7 @@ struct BaseDomain::Impl {
   void followBordersClosely(std::span<const RefineRequest> requests);
   Result<Candidate> bestOfTries(uint32_t patches, uint32_t max_patches);
   uint32_t patchCountFor(const std::vector<float>& factor) const;
+  uint32_t refinedCountFor(const std::vector<float>& factor) const;
 };
 
 BaseDomain::BaseDomain(std::unique_ptr<Impl> impl) : impl_(std::move(impl)) {}
@@ -607,14 +608,20 @@ uint32_t BaseDomain::Impl::patchCountFor(const std::vector<float>& factor) const
   return static_cast<uint32_t>(static_cast<double>(quads.n_faces()) * sum / static_cast<double>(count.size()));
 }
 
+// The same, at least an eighth more than the last base has, and about three times as many at most.
+uint32_t BaseDomain::Impl::refinedCountFor(const std::vector<float>& factor) const {
+  const auto before = static_cast<uint32_t>(last.quads.n_faces());
+  return std::clamp<uint32_t>(patchCountFor(factor), before + before / 8 + 8, 3 * before + 64);
+}
+
+uint32_t BaseDomain::patchesToRefine(std::span<const RefineRequest> requests) const {
+  return impl_->refinedCountFor(impl_->refinementFactors(requests));
+}
+
 Result<BaseMesh> BaseDomain::refine(std::span<const RefineRequest> requests, uint32_t max_patches) {
   Impl& d = *impl_;
   std::vector<float> factor = d.refinementFactors(requests);
-  const size_t before = d.last.quads.n_faces();
-  const uint32_t patches =
-      std::min<uint32_t>(std::clamp<uint32_t>(d.patchCountFor(factor), static_cast<uint32_t>(before + before / 8 + 8),
-                                              static_cast<uint32_t>(3 * before + 64)),
-                         max_patches);
+  const uint32_t patches = std::min<uint32_t>(d.refinedCountFor(factor), max_patches);
   d.weight.resize(factor.size(), 1.0f);
   for (size_t v = 0; v < factor.size(); ++v) d.weight[v] = std::min(d.weight[v] * factor[v], kMaxWeight);
   // Smaller patches need a surface of smaller triangles.

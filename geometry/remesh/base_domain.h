@@ -57,6 +57,8 @@ class BaseDomain {
   // After make(): a base mesh with smaller patches at the requests and equally large ones elsewhere, of about
   // max_patches at most.
   Result<BaseMesh> refine(std::span<const RefineRequest> requests, uint32_t max_patches);
+  // How many patches refine() would aim at without a limit.
+  uint32_t patchesToRefine(std::span<const RefineRequest> requests) const;
   // The scan's own triangles as patches (base_faces.h): at most max_patches, or an error (kUsage) if that is too few.
   // It changes nothing of what make() and refine() return.
   Result<BaseMesh> faces(uint32_t max_patches) const;
