@@ -44,8 +44,7 @@ struct BakeOptions {
   // No fit is made where the deviation is larger than so many times the tolerance when no more cells are tried: a base
   // of another shape is needed there, and a bake that only shows this need not be the best. 0: it is always made.
   double fit_within = 0;
-  // Where a line meets the scan far from the base but the base touches the scan. It costs a search of the closest point
-  // for such lines.
+  // It costs a search of the closest point for lines that meet the scan far from the base.
   Touching touching = Touching::kIgnored;
   // Heights are 0 where the scan is within this distance of the base, whichever way it faces there. For bases that lie
   // on the scan.

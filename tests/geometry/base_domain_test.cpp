@@ -510,6 +510,23 @@ TEST(BaseDomain, RoughBordersKeepTheirCorners) {
   }
 }
 
+// A refined base has about as many patches as are foretold, more where more is asked for.
+TEST(BaseDomain, TellsHowManyPatchesRefiningTakes) {
+  const TriMesh ball = ballMesh(24);
+  auto domain = relievo::BaseDomain::create(ball);
+  ASSERT_TRUE(domain);
+  ASSERT_TRUE((*domain)->make());
+  std::vector<RefineRequest> few, many;
+  for (size_t i = 0; i < ball.positions_mm.size(); i += 2) many.push_back({glm::dvec3(ball.positions_mm[i])});
+  few.push_back(many[0]);
+  const uint32_t foretold = (*domain)->patchesToRefine(few);
+  EXPECT_GT(foretold, (*domain)->patches());
+  EXPECT_GT((*domain)->patchesToRefine(many), foretold);
+  const auto refined = (*domain)->refine(few, 4096);
+  ASSERT_TRUE(refined);
+  EXPECT_NEAR(static_cast<double>(refined->patches.size()), foretold, 0.3 * foretold);
+}
+
 // Over a relief that one direction sees, every line along the normals meets the scan once, however steep its walls are.
 TEST(BaseDomain, ReliefsOverAPlaneAreGrids) {
   auto linesThatMeetOnce = [](const TriMesh& scan, const BaseMesh& base) {
@@ -535,6 +552,13 @@ TEST(BaseDomain, ReliefsOverAPlaneAreGrids) {
   const BaseMesh turned = baseOf(leaning);
   EXPECT_TRUE(std::any_of(turned.corners.begin(), turned.corners.end(),
                           [&](const BaseCorner& c) { return c.normal != turned.corners[0].normal; }));
+
+  auto lostAreaOf = [](const TriMesh& scan) {
+    auto domain = relievo::BaseDomain::create(scan);
+    return domain && (*domain)->make() ? (*domain)->lostArea() : -1;
+  };
+  EXPECT_EQ(lostAreaOf(square.scan), 0);
+  EXPECT_GT(lostAreaOf(leaning), 0);
 
   auto view_direction = [](const TriMesh& m) { return viewDirectionOf(m.positions_mm, m.triangles); };
   EXPECT_TRUE(isRelief(view_direction(square.scan)));
