@@ -265,10 +265,10 @@ struct RealPages {
     }
   }
   CheckedSource::ChecksumOf checksums() const {
-    return [s = source](PageId id) -> std::optional<uint64_t> {
+    return [s = source](PageId id) -> std::optional<PageChecksum> {
       auto it = s->pages.find(id);
       if (it == s->pages.end()) return std::nullopt;
-      return XXH3_64bits(it->second.data(), it->second.size());
+      return PageChecksum{XXH3_64bits(it->second.data(), it->second.size())};
     };
   }
   struct Tally {
@@ -322,7 +322,9 @@ TEST(CheckedSource, KnowsAPackagesPages) {
   for (PageId id : {there, relief}) {
     auto read = package->read(id);
     ASSERT_TRUE(read);
-    EXPECT_EQ(checksums(id), XXH3_64bits(read->bytes.data(), read->bytes.size()));
+    const auto expected = checksums(id);
+    ASSERT_TRUE(expected);
+    EXPECT_EQ(expected->value, XXH3_64bits(read->bytes.data(), read->bytes.size()));
   }
   EXPECT_FALSE(checksums(missing));
   CheckedSource checked(package, checksums);

@@ -54,10 +54,15 @@ struct ReliefBounds {
   float min_mm = 0, max_mm = 0, error_mm = 0;
 };
 
+// xxh3-64 of a page's encoded bytes, or as many of its lowest bits as the index has.
+struct PageChecksum {
+  uint64_t value = 0, mask = ~uint64_t{0};
+  bool matches(uint64_t xxh3) const { return (xxh3 & mask) == value; }
+};
 struct PageRecord {
   uint64_t offset = 0;
   uint32_t size = 0;      // encoded bytes; 0: the page is absent
-  uint64_t checksum = 0;  // xxh3-64 of the encoded bytes
+  PageChecksum checksum;  // of the encoded bytes
   ReliefBounds relief;    // relief pages only
 };
 

@@ -20,6 +20,8 @@ struct BuildProgress {
   double seconds = 0;
 };
 
+// More pages would wait too long to be moved once the index is coded, and are large against their entries.
+inline constexpr uint64_t kMostCodedPages = uint64_t{1} << 18;
 inline constexpr double kCheckpointSeconds = 10;  // what a kill costs at most, beside the parts in work
 
 struct BuildOptions {
@@ -29,7 +31,7 @@ struct BuildOptions {
   bool stretch_relief = false;  // a height map of other proportions than the texture is stretched over it, not refused
   int workers = 0;              // 0: one per core
   int zstd_level = 1;
-  // Over a base mesh: a package of version 8, which takes far fewer bytes for the relief; else of version 2 or 3, for
+  // Over a base mesh: a package of version 9, which takes far fewer bytes for the relief; else of version 2 or 3, for
   // older readers.
   bool compact = true;
   // Of compact packages: tails are coded (texturing/codec/tail_code.h), and with a texture_tolerance lossless pages may
@@ -41,6 +43,9 @@ struct BuildOptions {
   // Of packages with a coded base mesh: lossless pages may be stored within the texture_tolerance as a code
   // (texturing/codec/texel_code.h), too; else the package is one of version 7.
   bool coded_texels = true;
+  // Of packages with coded texels, and at most kMostCodedPages pages: the index is coded, too (index_code.h); else the
+  // package is one of version 8.
+  bool coded_index = true;
   // Over a base mesh: texture levels of a patch are left out where every texel is within so many 8-bit steps of what
   // the coarser level or the tail shows, as channelTolerances() says (texture_depths.h). Negative: none are left out.
   // Of compact packages only.

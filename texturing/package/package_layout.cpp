@@ -1,6 +1,7 @@
 #include "texturing/package/package_layout.h"
 
 #include "texturing/package/base_code.h"
+#include "texturing/package/index_code.h"
 #include "texturing/package/package_base.h"
 #include "texturing/package/package_tails.h"
 
@@ -92,6 +93,7 @@ constexpr size_t kTextureDepthsField = 2060;
 constexpr size_t kTailsField = 2064;
 // From version 8 on: how texture pages may be stored beside what encodings say, 1. Before: 0.
 constexpr size_t kTexelsField = 2068;
+constexpr size_t kIndexField = 2072;
 constexpr size_t kBasisName = 320, kBasisNameBytes = 32, kBasisCounts = 352, kBasisEncodings = 368, kBasisScales = 432;
 static_assert(kBasisEncodings + 2 * kMaxTexturePlanes <= kBasisScales);
 static_assert(kBasisScales + 16 * kMaxCoefficients <= kCompactFields[0]);
@@ -251,6 +253,12 @@ IndexLayout::IndexLayout(const PatchDomain& domain, std::shared_ptr<const Textur
   }
 }
 
+uint32_t IndexLayout::patchAt(uint64_t offset) const {
+  const uint64_t in_tree = offset - base_;
+  if (!depths_) return static_cast<uint32_t>(std::min<uint64_t>(in_tree / kinds_[0].bytes, patch_count_ - 1));
+  return static_cast<uint32_t>(std::upper_bound(offsets_.begin(), offsets_.end(), in_tree) - offsets_.begin() - 1);
+}
+
 bool IndexLayout::contains(const NodeId& n) const {
   if (n.patch >= patch_count_) return false;
   const Patch& p = patchOf(n.patch);
@@ -311,7 +319,10 @@ std::string textureDepthsProblem(const PackageHeader& h, const TextureDepths& de
   PatchDomain domain = h.domain;
   domain.setTextureDepths(std::make_shared<const TextureDepths>(depths));
   const PackageLayout layout = packageLayout(domain, h.texture, h.index_offset, h.detailBytes(), !h.compact);
-  if (layout.index_bytes == h.index_bytes && layout.page_count == h.page_count) return {};
+  if (layout.page_count == h.page_count && (h.coded_index || layout.index_bytes == h.index_bytes)) return {};
+  if (h.coded_index)
+    return "its patches' texture levels make " + std::to_string(layout.page_count) + " pages, the header says " +
+           std::to_string(h.page_count);
   return "its patches' texture levels make " + std::to_string(layout.page_count) + " pages and an index of " +
          std::to_string(layout.index_bytes) + " bytes, the header says " + std::to_string(h.page_count) + " and " +
          std::to_string(h.index_bytes);
@@ -350,6 +361,7 @@ void encodeHeader(const PackageHeader& h, std::span<uint8_t> out) {
   if (h.compact && h.texture_depths) f.put(kTextureDepthsField, 1u);
   if (h.compact && h.coded_tails) f.put(kTailsField, 1u);
   if (h.compact && h.coded_texels) f.put(kTexelsField, 1u);
+  if (h.compact && h.coded_index) f.put(kIndexField, 1u);
   f.put(256, h.relief_detail ? static_cast<uint32_t>(kErrorBlocks) : 0u);
   f.put(260, h.relief_shapes ? 1u : 0u);
   f.put(264, h.base_offset);
@@ -407,8 +419,8 @@ class HeaderDecoder {
                    "make one with `relievo build`", 0};
     }
     version_ = at<uint32_t>(8);
-    if (version_ < 1 || version_ > 8) {
-      return Error{ErrorKind::kUnsupported, path_, "expected package version 1 to 8, found " + std::to_string(version_),
+    if (version_ < 1 || version_ > 9) {
+      return Error{ErrorKind::kUnsupported, path_, "expected package version 1 to 9, found " + std::to_string(version_),
                    "use a newer relievo, or rebuild the package", 8};
     }
     if (at<uint64_t>(kHeaderBytes - 8) != XXH3_64bits(p_, kHeaderBytes - 8))
@@ -459,6 +471,7 @@ class HeaderDecoder {
     h_.coded_tails = version_ >= 6;
     h_.coded_base = version_ >= 7;
     h_.coded_texels = version_ >= 8;
+    h_.coded_index = version_ >= 9;
     h_.texture_depths = version_ == 5 || (version_ >= 6 && at<uint32_t>(kTextureDepthsField) != 0);
     if (!h_.compact) return {};
     for (size_t field : kCompactFields)
@@ -475,6 +488,9 @@ class HeaderDecoder {
     if (const auto kind = at<uint32_t>(kTexelsField); h_.coded_texels && kind != 1)
       return unsupported(kTexelsField, "expected texture pages of kind 1 in version " + std::to_string(version_) +
                                            ", found " + std::to_string(kind));
+    if (const auto kind = at<uint32_t>(kIndexField); h_.coded_index && kind != 1)
+      return unsupported(kIndexField, "expected an index of kind 1 in version " + std::to_string(version_) +
+                                          ", found " + std::to_string(kind));
     if (at<uint64_t>(272) == 0)
       return invalid(272, "expected a base mesh in version " + std::to_string(version_) + ", found none");
     return {};
@@ -539,7 +555,8 @@ class HeaderDecoder {
 
   Result<void> checkIndex() const {
     // As a double first: the sizes below are exact unless they overflow, and then this is far beyond any file.
-    if (const double least = leastIndexBytes(h_.domain, h_.detailBytes(), !h_.compact, !h_.texture_depths);
+    const double coded = h_.coded_index ? double{kLeastCodedEntryBytes} / kReliefEntryBytes : 1;
+    if (const double least = coded * leastIndexBytes(h_.domain, h_.detailBytes(), !h_.compact, !h_.texture_depths);
         least > static_cast<double>(h_.file_bytes)) {
       char text[40];
       std::snprintf(text, sizeof text, "%.3g", least);
@@ -554,7 +571,8 @@ class HeaderDecoder {
     auto between = [](uint64_t least, uint64_t most) {
       return least == most ? std::to_string(most) : std::to_string(least) + " to " + std::to_string(most);
     };
-    if (h_.index_bytes > layout.index_bytes || h_.index_bytes < layout.index_bytes - fewer_bytes) {
+    if (!h_.coded_index &&
+        (h_.index_bytes > layout.index_bytes || h_.index_bytes < layout.index_bytes - fewer_bytes)) {
       return invalid(56, "expected an index of " + between(layout.index_bytes - fewer_bytes, layout.index_bytes) +
                              " bytes, found " + std::to_string(h_.index_bytes));
     }
@@ -562,6 +580,10 @@ class HeaderDecoder {
       return invalid(80, "expected " + between(layout.page_count - fewer_pages, layout.page_count) + " pages, found " +
                              std::to_string(h_.page_count));
     }
+    if (const uint64_t least = kIndexHeadBytes + kLeastCodedEntryBytes * h_.page_count + layout.relief_detail.bytes();
+        h_.coded_index && h_.index_bytes < least)
+      return invalid(56, "expected an index of at least " + std::to_string(least) + " bytes, found " +
+                             std::to_string(h_.index_bytes));
     if (h_.pages_bytes < h_.page_count) {
       return invalid(72, "expected at least a byte for each of " + std::to_string(h_.page_count) + " pages, found " +
                              std::to_string(h_.pages_bytes) + " bytes of pages");

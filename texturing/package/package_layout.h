@@ -56,6 +56,9 @@ struct PackageHeader {
   bool coded_base = false;
   // Version 8, one of version 7 whose texture pages may be hierarchical (texturing/codec/texel_code.h).
   bool coded_texels = false;
+  // Version 9, one of version 8 whose index is coded (index_code.h). index_bytes are then those that it takes in the
+  // file; IndexLayout tells places in what it stands for.
+  bool coded_index = false;
   uint32_t detailBytes() const {
     return relief_detail ? kReliefDetailBytes + (relief_shapes ? kReliefShapesBytes : 0) : 0;
   }
@@ -64,10 +67,16 @@ struct PackageHeader {
   // The directory of the patches' tails (0 bytes: there are none): package_tails.h.
   uint64_t tails_offset = 0, tails_bytes = 0, tails_hash = 0;
 };
-// 8 to 4 where it is compact; else 3 where the header describes the basis; else 1, or 2 with a base mesh: packages
+// 9 to 4 where it is compact; else 3 where the header describes the basis; else 1, or 2 with a base mesh: packages
 // of those bases stay what they were.
 inline uint32_t packageVersion(const PackageHeader& h) {
-  if (h.compact) return h.coded_texels ? 8 : h.coded_base ? 7 : h.coded_tails ? 6 : h.texture_depths ? 5 : 4;
+  if (h.compact)
+    return h.coded_index      ? 9
+           : h.coded_texels   ? 8
+           : h.coded_base     ? 7
+           : h.coded_tails    ? 6
+           : h.texture_depths ? 5
+                              : 4;
   return h.texture.basis > Basis::kAlbedoNormal ? 3 : h.base_bytes == 0 ? 1 : 2;
 }
 void encodeHeader(const PackageHeader& header, std::span<uint8_t> out /* kHeaderBytes */);
@@ -109,6 +118,9 @@ class IndexLayout {
   // Calls f(block) for every block, in the file's order, until it returns false.
   template <class F>
   void forEachBlock(F&& f) const;
+  // The same from the block on that begins at this offset. False: none does.
+  template <class F>
+  bool forEachBlockFrom(uint64_t offset, F&& f) const;
 
  private:
   struct Level {
@@ -125,6 +137,10 @@ class IndexLayout {
     return kinds_[patch + 1 == patch_count_ ? 1 : 0];
   }
   uint64_t patchOffset(uint32_t patch) const { return depths_ ? offsets_[patch] : patch * kinds_[0].bytes; }
+  uint32_t patchAt(uint64_t offset) const;  // the patch whose blocks this offset lies in, if any does
+  // The blocks of a patch, until f(block) returns false; then false.
+  template <class F>
+  bool forEachBlockOf(uint32_t patch, F&& f) const;
 
   // By depth + 1 where patches have depths of their own. Else all patches but the last are of the first kind, the last
   // is of the second.
@@ -167,27 +183,43 @@ void storeLittle(uint8_t* p, T v) {
 }
 
 template <class F>
-void IndexLayout::forEachBlock(F&& f) const {
-  uint64_t patch_base = base_;
-  for (uint32_t patch = 0; patch < patch_count_; ++patch) {
-    const Patch& p = patchOf(patch);
-    for (size_t l = 0; l < p.levels.size(); ++l) {
-      uint64_t offset = patch_base + p.levels[l].base;
-      for (uint32_t y = 0; y < p.levels[l].rows; y += kIndexBlockNodes) {
-        for (uint32_t x = 0; x < p.levels[l].columns; x += kIndexBlockNodes) {
-          Block block;
-          block.offset = offset;
-          block.first = {patch, static_cast<uint32_t>(l), x, y};
-          block.columns = std::min(kIndexBlockNodes, p.levels[l].columns - x);
-          block.rows = std::min(kIndexBlockNodes, p.levels[l].rows - y);
-          block.bytes = block.columns * block.rows * node_bytes_ + 8;
-          offset += block.bytes;
-          if (!f(block)) return;
-        }
+bool IndexLayout::forEachBlockOf(uint32_t patch, F&& f) const {
+  const Patch& p = patchOf(patch);
+  for (size_t l = 0; l < p.levels.size(); ++l) {
+    uint64_t offset = base_ + patchOffset(patch) + p.levels[l].base;
+    for (uint32_t y = 0; y < p.levels[l].rows; y += kIndexBlockNodes) {
+      for (uint32_t x = 0; x < p.levels[l].columns; x += kIndexBlockNodes) {
+        Block block;
+        block.offset = offset;
+        block.first = {patch, static_cast<uint32_t>(l), x, y};
+        block.columns = std::min(kIndexBlockNodes, p.levels[l].columns - x);
+        block.rows = std::min(kIndexBlockNodes, p.levels[l].rows - y);
+        block.bytes = block.columns * block.rows * node_bytes_ + 8;
+        offset += block.bytes;
+        if (!f(block)) return false;
       }
     }
-    patch_base += p.bytes;
   }
+  return true;
+}
+
+template <class F>
+void IndexLayout::forEachBlock(F&& f) const {
+  for (uint32_t patch = 0; patch < patch_count_; ++patch)
+    if (!forEachBlockOf(patch, f)) return;
+}
+
+template <class F>
+bool IndexLayout::forEachBlockFrom(uint64_t offset, F&& f) const {
+  if (offset < base_ || offset - base_ >= bytes_) return false;
+  bool found = false;
+  auto fromThere = [&](const Block& block) {
+    found = found || block.offset == offset;
+    return !found || f(block);
+  };
+  for (uint32_t patch = patchAt(offset); patch < patch_count_; ++patch)
+    if (!forEachBlockOf(patch, fromThere) || !found) break;
+  return found;
 }
 
 }  // namespace relievo

@@ -15,6 +15,7 @@
 #include "texturing/codec/page_codec.h"
 #include "texturing/codec/tail_code.h"
 #include "texturing/package/base_code.h"
+#include "texturing/package/index_code.h"
 #include "texturing/package/package.h"
 #include "texturing/package/package_base.h"
 #include "texturing/package/package_layout.h"
@@ -24,7 +25,12 @@ namespace relievo {
 namespace {
 
 constexpr uint64_t kIndexCacheBytes = uint64_t{32} << 20;
-using Block = std::shared_ptr<const std::vector<uint8_t>>;
+using IndexBytes = std::shared_ptr<const std::vector<uint8_t>>;
+// A block of the index, from its first byte on.
+struct Block {
+  IndexBytes bytes;
+  const uint8_t* at = nullptr;
+};
 
 }  // namespace
 
@@ -37,39 +43,123 @@ struct Package::Impl {
   std::optional<Error> manifest_problem;
   std::vector<std::string> warnings;
 
-  // Index blocks by their offset in the file, dropped in the order of their arrival beyond kIndexCacheBytes.
+  // Of a coded index: its chunks, or why there are none; and where its errors by block begin, in the file.
+  std::vector<IndexChunk> index_chunks;
+  std::optional<Error> index_problem;
+  uint64_t detail_offset = 0;
+
+  // Parts of the index by their offset, dropped in the order of their arrival beyond kIndexCacheBytes.
   mutable std::mutex mutex;
-  mutable std::unordered_map<uint64_t, Block> blocks;
+  mutable std::unordered_map<uint64_t, IndexBytes> parts;
   mutable std::deque<uint64_t> arrivals;
   mutable uint64_t cached_bytes = 0;
   mutable PageFailures read_failures;
 
   explicit Impl(InputFile f) : file(std::move(f)) {}
 
-  Result<Block> block(const IndexLayout::Place& place) const {
+  // The part that begins there, by whoever reads it: a Result<std::vector<uint8_t>>.
+  template <class Read>
+  Result<IndexBytes> part(uint64_t offset, Read&& read) const {
     {
       std::lock_guard lock(mutex);
-      if (auto found = blocks.find(place.block_offset); found != blocks.end()) return found->second;
+      if (auto found = parts.find(offset); found != parts.end()) return found->second;
     }
-    auto bytes = std::make_shared<std::vector<uint8_t>>(place.block_bytes);
-    if (auto read = file.read(place.block_offset, *bytes); !read) return read.error();
-    size_t entries = bytes->size() - 8;
-    if (loadLittle<uint64_t>(bytes->data() + entries) != XXH3_64bits(bytes->data(), entries)) {
-      return Error{ErrorKind::kInvalidData, file.path(), "an index block is damaged: its checksum does not match",
-                   "rebuild the package, or get a whole copy", place.block_offset};
-    }
+    Result<std::vector<uint8_t>> made = read();
+    if (!made) return made.error();
+    auto bytes = std::make_shared<const std::vector<uint8_t>>(std::move(*made));
     std::lock_guard lock(mutex);
-    if (blocks.emplace(place.block_offset, bytes).second) {
-      arrivals.push_back(place.block_offset);
+    if (parts.emplace(offset, bytes).second) {
+      arrivals.push_back(offset);
       cached_bytes += bytes->size();
       while (cached_bytes > kIndexCacheBytes) {
-        auto oldest = blocks.find(arrivals.front());
+        auto oldest = parts.find(arrivals.front());
         cached_bytes -= oldest->second->size();
-        blocks.erase(oldest);
+        parts.erase(oldest);
         arrivals.pop_front();
       }
     }
-    return Block(std::move(bytes));
+    return bytes;
+  }
+
+  Error damagedIndex(const char* what, uint64_t offset) const {
+    return {ErrorKind::kInvalidData, file.path(), what, "rebuild the package, or get a whole copy", offset};
+  }
+
+  Result<Block> block(const IndexLayout::Place& place) const {
+    if (header.coded_index) {
+      const uint64_t first = place.block_offset - header.index_offset;
+      if (first < entriesBytes()) return codedBlock(first);
+    }
+    const uint64_t offset =
+        header.coded_index ? detail_offset + (place.block_offset - header.index_offset - entriesBytes())
+                           : place.block_offset;
+    auto found = part(offset, [&]() -> Result<std::vector<uint8_t>> {
+      std::vector<uint8_t> bytes(place.block_bytes);
+      if (auto read = file.read(offset, bytes); !read) return read.error();
+      const size_t entries = bytes.size() - 8;
+      if (loadLittle<uint64_t>(bytes.data() + entries) != XXH3_64bits(bytes.data(), entries))
+        return damagedIndex("an index block is damaged: its checksum does not match", offset);
+      return bytes;
+    });
+    if (!found) return found.error();
+    return Block{*found, (*found)->data()};
+  }
+
+  // What pages' entries take in the index that a coded one stands for.
+  uint64_t entriesBytes() const { return layout.texture.bytes() + layout.relief.bytes(); }
+
+  // first: where the block's entries begin in that index.
+  Result<Block> codedBlock(uint64_t first) const {
+    if (index_problem) return *index_problem;
+    auto chunk = std::upper_bound(index_chunks.begin(), index_chunks.end(), first,
+                                  [](uint64_t at, const IndexChunk& c) { return at < c.first; });
+    --chunk;  // the first one begins at 0
+    const uint64_t end = chunk + 1 == index_chunks.end() ? entriesBytes() : chunk[1].first;
+    // Keyed by a place that no plain block has: within the code.
+    auto found = part(header.index_offset + chunk->offset, [&] { return readChunk(*chunk, end - chunk->first); });
+    if (!found) return found.error();
+    return Block{*found, (*found)->data() + (first - chunk->first)};
+  }
+  Result<std::vector<uint8_t>> readChunk(const IndexChunk& chunk, uint64_t bytes) const {
+    const uint64_t offset = header.index_offset + chunk.offset;
+    std::vector<uint8_t> code(chunk.size);
+    if (auto read = file.read(offset, code); !read) return read.error();
+    if (XXH3_64bits(code.data(), code.size()) != chunk.hash)
+      return damagedIndex("a part of the index is damaged: its checksum does not match", offset);
+    const bool relief = chunk.first >= layout.texture.bytes();
+    const uint64_t begin = header.index_offset + chunk.first, end = begin + bytes;
+    std::vector<IndexLayout::Block> blocks;
+    (relief ? layout.relief : layout.texture).forEachBlockFrom(begin, [&](const IndexLayout::Block& b) {
+      if (b.offset >= end) return false;
+      blocks.push_back(b);
+      return true;
+    });
+    std::vector<uint8_t> out;
+    // Before the allocation: so many entries take no fewer bytes.
+    if (bytes / kReliefEntryBytes <= code.size()) out.resize(bytes);
+    if (out.empty() ||
+        !decodeIndexBlocks(code, {header.texture.planes(), header.pages_offset}, relief, blocks, out))
+      return damagedIndex("a part of the index is damaged: it is no code of its entries", offset);
+    return out;
+  }
+  // Whoever opens a package whose index is damaged sees what needs none of it.
+  void readIndexDirectory() {
+    const uint64_t detail = layout.relief_detail.bytes();
+    auto read = [&]() -> Result<void> {
+      const Error damaged = damagedIndex("the index is damaged: its directory does not fit it", header.index_offset);
+      if (header.index_bytes < detail || header.index_bytes - detail < kIndexHeadBytes) return damaged;
+      const uint64_t section = header.index_bytes - detail;
+      std::vector<uint8_t> bytes(kIndexHeadBytes);
+      if (auto got = file.read(header.index_offset, bytes); !got) return got;
+      bytes.resize(indexDirectoryBytes(bytes, section));
+      if (auto got = file.read(header.index_offset, bytes); !got) return got;
+      auto chunks = decodeIndexDirectory(bytes, section, entriesBytes());
+      if (!chunks) return damaged;
+      index_chunks = std::move(*chunks);
+      return {};
+    };
+    detail_offset = header.index_offset + header.index_bytes - std::min(header.index_bytes, detail);
+    if (auto done = read(); !done) index_problem = done.error();
   }
 
   Result<EncodedPage> readPage(const Package& package, PageId id) const;
@@ -244,6 +334,7 @@ Result<std::shared_ptr<Package>> Package::open(const std::string& path) {
     if (auto read = impl->readBase(); !read) return read.error();
   }
   impl->layout = packageLayout(h);
+  if (h.coded_index) impl->readIndexDirectory();
   impl->manifest.domain = h.domain;
   impl->manifest.texture = h.texture;
   impl->manifest.encodings = h.encodings;
@@ -372,7 +463,7 @@ bool Package::reliefErrors(const NodeId& node, std::span<float> error_mm) const 
   IndexLayout::Place place = tree.find(node);
   auto block = impl_->block(place);
   if (!block) return false;  // the page's own error holds
-  const uint8_t* bytes = (*block)->data() + place.node_offset;
+  const uint8_t* bytes = block->at + place.node_offset;
   for (size_t i = 0; i < error_mm.size(); ++i) {
     double mm = errorFromByte(bytes[i]) * impl_->manifest.error_unit_mm;
     error_mm[i] = std::nextafter(static_cast<float>(mm), INFINITY);
@@ -392,7 +483,7 @@ bool Package::reliefShapes(const NodeId& node, std::span<DeviationShape> shapes)
   const IndexLayout::Place place = tree.find(node);
   auto block = impl_->block(place);
   if (!block) return false;
-  std::memcpy(shapes.data(), (*block)->data() + place.node_offset + kReliefDetailBytes, kReliefShapesBytes);
+  std::memcpy(shapes.data(), block->at + place.node_offset + kReliefDetailBytes, kReliefShapesBytes);
   return true;
 }
 
@@ -411,11 +502,11 @@ Result<PageRecord> Package::record(PageId id) const {
     error.message = "page " + describePage(id) + ": " + error.message;
     return error;
   }
-  const uint8_t* entry = (*block)->data() + place.node_offset + (relief ? 0 : plane * kTextureEntryBytes);
+  const uint8_t* entry = block->at + place.node_offset + (relief ? 0 : plane * kTextureEntryBytes);
   PageRecord record;
   record.offset = loadLittle<uint64_t>(entry);
   record.size = loadLittle<uint32_t>(entry + 8);
-  record.checksum = loadLittle<uint64_t>(entry + 12);
+  record.checksum = {loadLittle<uint64_t>(entry + 12), impl_->header.coded_index ? 0xFFFFFFFF : ~uint64_t{0}};
   const PackageHeader& h = impl_->header;
   if (record.size == 0 || record.size > kMaxEncodedPageBytes || record.offset < h.pages_offset ||
       record.offset - h.pages_offset > h.pages_bytes ||
@@ -473,7 +564,7 @@ Result<EncodedPage> Package::Impl::readPage(const Package& package, PageId id) c
   EncodedPage page;
   page.bytes.resize(found->size);
   if (auto read = file.read(found->offset, page.bytes); !read) return failed(read.error().message, read.error().kind);
-  if (XXH3_64bits(page.bytes.data(), page.bytes.size()) != found->checksum)
+  if (!found->checksum.matches(XXH3_64bits(page.bytes.data(), page.bytes.size())))
     return failed("its checksum does not match", ErrorKind::kInvalidData);
   return page;
 }

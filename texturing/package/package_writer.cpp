@@ -11,6 +11,8 @@
 #include <cstring>
 #include <nlohmann/json.hpp>
 
+#include "texturing/package/index_code.h"
+
 namespace relievo {
 
 Result<std::unique_ptr<SpillStore>> SpillStore::create(uint64_t size, bool in_memory, const std::string& beside) {
@@ -162,6 +164,7 @@ Result<void> placeSections(PackageHeader& h, const std::string& manifest, std::s
   h.page_count = layout.page_count;
   h.index_bytes = layout.index_bytes;
   h.pages_offset = h.index_offset + h.index_bytes;
+  if (h.coded_index) h.pages_offset += kHeaderBytes + 4 * h.page_count;  // whatever the code takes
   return {};
 }
 
@@ -236,8 +239,100 @@ Result<void> PackageWriter::appendTails(std::span<const uint8_t> chunk) {
   return file_.append(chunk);
 }
 
+// The entries of pages become a code, and the pages move to its end.
+Result<void> PackageWriter::codeIndex(const std::atomic<bool>* interrupted) {
+  PackageHeader& h = header_;
+  const PackageLayout layout = packageLayout(h);
+  const IndexCodeOf of{h.texture.planes(), h.pages_offset};
+  std::vector<IndexChunk> chunks;
+  std::vector<uint8_t> codes, entries;
+  std::vector<IndexLayout::Block> blocks;
+  Result<void> status;
+  uint64_t nodes = 0;
+  auto close = [&](bool relief) {
+    if (blocks.empty() || !status.ok()) return;
+    const uint64_t first = blocks.front().offset;
+    entries.resize(blocks.back().offset + blocks.back().bytes - first);
+    status = index_->read(first - h.index_offset, entries.data(), entries.size());
+    auto code = status.ok() ? encodeIndexBlocks(of, relief, blocks, entries) : std::nullopt;
+    if (status.ok() && !code)
+      status = Error{ErrorKind::kRuntime, file_.path(), "the index cannot be coded", "build again without it", {}};
+    if (!status.ok()) return;
+    chunks.push_back({first - h.index_offset, 0, static_cast<uint32_t>(code->size()), encodedHash(*code)});
+    codes.insert(codes.end(), code->begin(), code->end());
+    blocks.clear();
+    nodes = 0;
+  };
+  for (const bool relief : {false, true}) {
+    const uint64_t a_node = relief ? 1 : static_cast<uint64_t>(h.texture.planes());
+    (relief ? layout.relief : layout.texture).forEachBlock([&](const IndexLayout::Block& block) {
+      blocks.push_back(block);
+      nodes += uint64_t{block.columns} * block.rows;
+      if (nodes * a_node >= kIndexChunkEntries) close(relief);
+      return status.ok();
+    });
+    close(relief);
+  }
+  if (!status.ok()) return status;
+  index_code_ = encodeIndexDirectory(chunks);
+  index_code_.insert(index_code_.end(), codes.begin(), codes.end());
+  h.index_bytes = index_code_.size() + layout.relief_detail.bytes();
+  return movePages(h.index_offset + h.index_bytes, interrupted);
+}
+
+// To where the index ends; towards the file's beginning.
+Result<void> PackageWriter::movePages(uint64_t to, const std::atomic<bool>* interrupted) {
+  assert(to <= header_.pages_offset);
+  const uint64_t by = header_.pages_offset - to;
+  std::vector<uint8_t> piece;
+  for (uint64_t at = header_.pages_offset; at < offset_; at += piece.size()) {
+    if (interrupted && interrupted->load())
+      return Error{ErrorKind::kInterrupted, file_.path(), "interrupted", "nothing was written", {}};
+    piece.resize(std::min<uint64_t>(offset_ - at, uint64_t{4} << 20));
+    if (auto read = file_.readBack(at, piece); !read) return read;
+    if (auto written = file_.writeAt(at - by, piece); !written) return written;
+  }
+  header_.pages_offset = to;
+  offset_ -= by;
+  for (TailsChunk& chunk : tails_) chunk.offset -= by;
+  return file_.truncate(offset_);
+}
+
+// Block after block with its checksum, in pieces of a few MiB.
+Result<void> PackageWriter::writeIndex() {
+  const PackageHeader& h = header_;
+  const PackageLayout layout = packageLayout(h);
+  Result<void> status;
+  std::vector<uint8_t> piece;
+  uint64_t piece_offset = h.index_offset;
+  auto flush = [&] {
+    status = file_.writeAt(piece_offset, piece);
+    piece_offset += piece.size();
+    piece.clear();
+  };
+  auto put = [&](const IndexLayout::Block& block) {
+    const size_t at = piece.size();
+    piece.resize(at + block.bytes);
+    status = index_->read(block.offset - h.index_offset, piece.data() + at, block.bytes - 8);
+    storeLittle(piece.data() + at + block.bytes - 8,
+                static_cast<uint64_t>(XXH3_64bits(piece.data() + at, block.bytes - 8)));
+    if (status.ok() && piece.size() >= (size_t{4} << 20)) flush();
+    return status.ok();
+  };
+  if (h.coded_index) piece = std::move(index_code_);
+  for (const IndexLayout* tree : {&layout.texture, &layout.relief, &layout.relief_detail}) {
+    if (h.coded_index && tree != &layout.relief_detail) continue;
+    tree->forEachBlock(put);
+    if (!status.ok()) return status;
+  }
+  flush();
+  return status;
+}
+
 Result<uint64_t> PackageWriter::finish(const std::atomic<bool>* interrupted) {
   PackageHeader& h = header_;
+  if (h.coded_index)
+    if (auto coded = codeIndex(interrupted); !coded) return coded.error();
   h.pages_bytes = (tails_.empty() ? offset_ : tails_.front().offset) - h.pages_offset;
   if (!tails_.empty()) {
     const std::vector<uint8_t> directory = encodeTailsDirectory(h.domain.patchCount(), h.texture.channels(), tails_);
@@ -257,30 +352,7 @@ Result<uint64_t> PackageWriter::finish(const std::atomic<bool>* interrupted) {
   encodeHeader(h, head);
   if (auto appended = file_.append(head); !appended) return appended.error();
 
-  // The index, block after block with its checksum, in pieces of a few MiB.
-  Result<void> status;
-  std::vector<uint8_t> piece;
-  uint64_t piece_offset = h.index_offset;
-  auto flush = [&] {
-    status = file_.writeAt(piece_offset, piece);
-    piece_offset += piece.size();
-    piece.clear();
-  };
-  const PackageLayout layout = packageLayout(h);
-  for (const IndexLayout* tree : {&layout.texture, &layout.relief, &layout.relief_detail}) {
-    tree->forEachBlock([&](const IndexLayout::Block& block) {
-      size_t at = piece.size();
-      piece.resize(at + block.bytes);
-      status = index_->read(block.offset - h.index_offset, piece.data() + at, block.bytes - 8);
-      storeLittle(piece.data() + at + block.bytes - 8,
-                  static_cast<uint64_t>(XXH3_64bits(piece.data() + at, block.bytes - 8)));
-      if (status.ok() && piece.size() >= (size_t{4} << 20)) flush();
-      return status.ok();
-    });
-    if (!status.ok()) return status.error();
-  }
-  flush();
-  if (!status.ok()) return status.error();
+  if (auto written = writeIndex(); !written) return written.error();
   if (!base_.empty())
     if (auto w = file_.writeAt(h.base_offset, base_); !w) return w.error();
   if (auto w = file_.writeAt(h.manifest_offset, {reinterpret_cast<const uint8_t*>(manifest_.data()), manifest_.size()});

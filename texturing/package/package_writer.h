@@ -187,7 +187,7 @@ struct Workforce {
 Workforce workersThatFit(uint64_t worker_bytes, const BuildOptions& options, uint64_t jobs = ~uint64_t{0});
 
 // Sets the offsets and sizes of what stands before the pages, from the manifest and the base section (whose bytes may
-// change).
+// change). Of an index that will be coded: as many bytes as it may take at most.
 Result<void> placeSections(PackageHeader& header, const std::string& manifest, std::span<const uint8_t> base);
 
 // The part file: pages as they come, everything else when it is finished.
@@ -211,11 +211,15 @@ class PackageWriter {
 
  private:
   explicit PackageWriter(OutputFile file) : file_(std::move(file)) {}
+  Result<void> codeIndex(const std::atomic<bool>* interrupted);
+  Result<void> movePages(uint64_t to, const std::atomic<bool>* interrupted);
+  Result<void> writeIndex();
   OutputFile file_;
   PackageHeader header_;
   std::string manifest_;
   std::vector<uint8_t> base_;
-  std::unique_ptr<SpillStore> index_;
+  std::unique_ptr<SpillStore> index_;  // its entries, without checksums
+  std::vector<uint8_t> index_code_;    // what stands for those of pages, where the header asks for it
   uint64_t offset_ = 0;  // of the next page, or chunk of tails
   std::vector<TailsChunk> tails_;
 };

@@ -941,6 +941,7 @@ Result<BuildReport> buildPatchPackage(const PatchSource& source, const BuildOpti
       [&](size_t done) { reporter.reportTexels(done * patch_texels); });
   if (!kept) return kept.error();
   if (auto found = findTextureDepths(context, header, options, force.workers); !found) return found.error();
+  header.coded_index = header.coded_texels && options.coded_index && header.page_count <= kMostCodedPages;
   reporter.expect(header.page_count, patches * patch_texels);
 
   std::vector<uint8_t> base = encodeBaseSection(

@@ -185,7 +185,7 @@ Result<EncodedPage> CheckedSource::read(PageId id) const {
   auto page = inner_->read(id);
   if (!page) return page;
   auto expected = checksum_of_(id);
-  if (!expected || XXH3_64bits(page->bytes.data(), page->bytes.size()) == *expected) return page;
+  if (!expected || expected->matches(XXH3_64bits(page->bytes.data(), page->bytes.size()))) return page;
   ++caught_;
   return Error{ErrorKind::kIo,
                "",
@@ -195,7 +195,7 @@ Result<EncodedPage> CheckedSource::read(PageId id) const {
 }
 
 CheckedSource::ChecksumOf checksumsOf(std::shared_ptr<const Package> package) {
-  return [package](PageId id) -> std::optional<uint64_t> {
+  return [package](PageId id) -> std::optional<PageChecksum> {
     auto record = package->record(id);
     if (!record) return std::nullopt;
     return record->checksum;

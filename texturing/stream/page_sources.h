@@ -111,7 +111,7 @@ class RateLimitedSource : public PageSource {
 // (kIo), since the next read may be sound.
 class CheckedSource : public PageSource {
  public:
-  using ChecksumOf = std::function<std::optional<uint64_t>(PageId)>;
+  using ChecksumOf = std::function<std::optional<PageChecksum>(PageId)>;
   CheckedSource(std::shared_ptr<const PageSource> inner, ChecksumOf checksum_of);
   Result<EncodedPage> read(PageId id) const override;
   uint64_t caught() const { return caught_; }
