@@ -259,7 +259,7 @@ TEST(PatchPackage, otherBasesDeepTreesAndMeshesOfOnePatch) {
       ASSERT_TRUE(build(folder.file("a.relievo"), source, 2, uint64_t{256} << 20, compact).ok());
       auto package = Package::open(folder.file("a.relievo"));
       ASSERT_TRUE(package.ok());
-      EXPECT_EQ(packageVersion((*package)->header()), compact ? 8u : basis > Basis::kAlbedoNormal ? 3u : 2u);
+      EXPECT_EQ(packageVersion((*package)->header()), compact ? 9u : basis > Basis::kAlbedoNormal ? 3u : 2u);
       EXPECT_EQ((*package)->manifest().base->patches, one.patches);
       auto counts = comparePages(**package, source, levelsOf(source), Borders::kNeighbours);
       EXPECT_EQ(counts.texture, 21u * static_cast<unsigned>(source.format().planes()));
@@ -551,7 +551,7 @@ TEST(PatchPackage, keepsTheBaseMeshAndTellsOfTheScan) {
   EXPECT_NEAR(m.domain.mm_per_px * 128, mean, 1e-4 * mean);
   auto json = nlohmann::json::parse((*package)->manifestJson());
   EXPECT_EQ(json["mesh"]["pieces"], 3);
-  EXPECT_EQ(json["version"], 8);
+  EXPECT_EQ(json["version"], 9);
   EXPECT_EQ(json["base"]["corners"], source.base().corners.size());
   EXPECT_EQ(m.sources.at(0).name, "noise, seed 17");
 }
@@ -764,7 +764,7 @@ TEST_F(BaseOfPackage, hostileHeaderFieldsAreRefused) {
   EXPECT_NE(withField(8, uint32_t{6}).find("expected storage of kind 1 in version 6, found 0"), std::string::npos);
   EXPECT_NE(withField(8, uint32_t{7}).find("expected storage of kind 1 in version 7, found 0"), std::string::npos);
   EXPECT_NE(withField(8, uint32_t{8}).find("expected storage of kind 1 in version 8, found 0"), std::string::npos);
-  EXPECT_NE(withField(8, uint32_t{9}).find("version 1 to 8, found 9"), std::string::npos);
+  EXPECT_NE(withField(8, uint32_t{10}).find("version 1 to 9, found 10"), std::string::npos);
 }
 
 TEST_F(BaseOfPackage, hostileSectionsAreRefusedByName) {

@@ -76,14 +76,29 @@ enum class Mode : uint8_t {
 };
 constexpr int kModes = 3;
 
+// Takes what is said, and keeps none of it: for rounding texels as an encoder would see them.
+struct RoundingCoder {
+  int most = 0;  // steps that a texel may change
+  bool bit(BitModel&, bool b) { return b; }
+  uint32_t plain(uint32_t v, int) { return v; }
+};
+
 // The three channels of a plane, patch after patch.
 template <class Coder>
 class PlaneCode {
-  static constexpr bool kEncodes = std::is_same_v<Coder, EncodingCoder>;
-  using Texels = std::conditional_t<kEncodes, const uint8_t, uint8_t>;
+  static constexpr bool kRounds = std::is_same_v<Coder, RoundingCoder>,
+                        kEncodes = kRounds || std::is_same_v<Coder, EncodingCoder>;
+  using Texels = std::conditional_t<kEncodes && !kRounds, const uint8_t, uint8_t>;
 
  public:
   PlaneCode(Coder& coder, Mode mode) : coder_(coder), mode_(mode) { first_.fill(128); }
+  // What the patches so far have left, for who tries one twice.
+  struct Past {
+    std::array<uint8_t, 3> first;
+    bool was_plain;
+  };
+  Past past() const { return {first_, was_plain_}; }
+  void goBack(const Past& to) { first_ = to.first, was_plain_ = to.was_plain; }
 
   // levels[l]: the patch's three channels of level l, one after the other.
   void patch(const std::array<Texels*, kLevels>& levels) {
@@ -116,6 +131,16 @@ class PlaneCode {
     for (int level = 0; level < kLevels; ++level)
       for (size_t c = 0; c < 3; ++c)
         std::fill_n(levels[static_cast<size_t>(level)] + c * texelsOf(level), texelsOf(level), first_[c]);
+  }
+
+  // The value next to `value` that is whole steps of 2 most + 1 from the predicted one.
+  uint8_t roundedFrom(int predicted, int value) const {
+    if constexpr (kRounds) {
+      const int step = 2 * coder_.most + 1, off = value - predicted,
+                steps = (std::abs(off) + coder_.most) / step * (off < 0 ? -1 : 1), rounded = predicted + steps * step;
+      if (rounded >= 0 && rounded <= 255) return static_cast<uint8_t>(rounded);
+    }
+    return static_cast<uint8_t>(value);
   }
 
   int predicted(const Texels* channel, size_t c, int x, int y) const {
@@ -184,9 +209,9 @@ class PlaneCode {
       else if (x == 0) around = around * 3 / 2;
       if (mode_ == Mode::kLength ? k == 1 : k > 0) around += 2 * size(before);
       uint8_t value = 0;
-      if constexpr (kEncodes) value = plane[c * kSide * kSide + static_cast<size_t>(y * kSide + x)];
+      if constexpr (kEncodes) value = roundedFrom(from, plane[c * kSide * kSide + static_cast<size_t>(y * kSide + x)]);
       const int residual = residual_code::code(coder_, finest_[k], around, w + n, static_cast<int8_t>(value - from));
-      if constexpr (!kEncodes)
+      if constexpr (!kEncodes || kRounds)
         plane[c * kSide * kSide + static_cast<size_t>(y * kSide + x)] = static_cast<uint8_t>(from + residual);
       *r = static_cast<int16_t>(residual);
       before = residual;
@@ -202,9 +227,9 @@ class PlaneCode {
       for (int x = 0; x < side; ++x) {
         const Texels* f = fine + 4 * y * side + 2 * x;
         const int sum = f[0] + f[1] + f[2 * side] + f[2 * side + 1] + 2, from = sum >> 2;
-        const int value = kEncodes ? to[y * side + x] : 0;
+        const int value = kEncodes ? roundedFrom(from, to[y * side + x]) : 0;
         const int residual = residual_code::code(coder_, coarser_[sum & 3], 0, 0, static_cast<int8_t>(value - from));
-        if constexpr (!kEncodes) to[y * side + x] = static_cast<uint8_t>(from + residual);
+        if constexpr (!kEncodes || kRounds) to[y * side + x] = static_cast<uint8_t>(from + residual);
       }
     }
   }
@@ -252,6 +277,44 @@ Mode bestMode(std::span<const uint8_t> texels, size_t patches, int channels, int
     best = static_cast<Mode>(mode);
   }
   return best;
+}
+
+bool isWithin(std::span<const uint8_t> finest, std::span<const uint8_t> before, double rms) {
+  int64_t squares = 0;
+  for (size_t i = 0; i < finest.size(); ++i) {
+    const int off = finest[i] - before[i];
+    squares += int64_t{off} * off;
+  }
+  return static_cast<double>(squares) <= rms * rms * static_cast<double>(finest.size());
+}
+
+void round(std::span<uint8_t> texels, int channels, int plane, int most, double rms) {
+  const size_t patches = texels.size() / (kTexels * static_cast<size_t>(channels));
+  RoundingCoder coder;
+  const auto code = std::make_unique<PlaneCode<RoundingCoder>>(coder, bestMode(texels, patches, channels, plane));
+  constexpr size_t kFinest = kSide * kSide;
+  std::array<uint8_t, 3 * kTexels> before;
+  for (size_t p = 0; p < patches; ++p) {
+    const auto levels = levelsOf(texels, p, channels, plane);
+    auto overLevels = [&](auto&& f) {
+      for (int level = 0, at = 0; level < kLevels; ++level) {
+        const int count = 3 * (kSide >> level) * (kSide >> level);
+        f(levels[static_cast<size_t>(level)], before.data() + at, count);
+        at += count;
+      }
+    };
+    overLevels([](const uint8_t* from, uint8_t* to, int count) { std::copy_n(from, count, to); });
+    const auto past = code->past();
+    for (coder.most = most;; --coder.most) {
+      code->patch(levels);
+      bool within = true;
+      for (size_t c = 0; c < 3; ++c)
+        within &= isWithin({levels[0] + c * kFinest, kFinest}, {before.data() + c * kFinest, kFinest}, rms);
+      if (within || coder.most == 0) break;
+      overLevels([](uint8_t* to, const uint8_t* from, int count) { std::copy_n(from, count, to); });
+      code->goBack(past);
+    }
+  }
 }
 
 uint32_t lengthAt(std::span<const uint8_t> bytes) {
@@ -340,6 +403,10 @@ void encodeTailCode(std::span<const uint16_t> heights, std::span<const uint8_t> 
 bool decodeTailCode(std::span<const uint8_t> bytes, int channels, std::span<uint16_t> heights,
                     std::span<uint8_t> texels) {
   return tail_code::decode(bytes, channels, heights, texels);
+}
+
+void roundTailTexels(std::span<uint8_t> texels, int channels, int plane, int most, double rms) {
+  tail_code::round(texels, channels, plane, most, rms);
 }
 
 uint64_t tailCodeHeightBytes(std::span<const uint8_t> bytes) {

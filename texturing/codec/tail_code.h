@@ -21,6 +21,9 @@ void encodeTailCode(std::span<const uint16_t> heights, std::span<const uint8_t> 
 // False: the bytes are no such tails of so many patches. heights and texels are then of any content.
 bool decodeTailCode(std::span<const uint8_t> bytes, int channels, std::span<uint16_t> heights,
                     std::span<uint8_t> texels);
+// An encoder's choice among texels that serve as well: those of one plane become others that take far fewer bytes, none
+// farther off than `most` steps, and of a patch's finest level no channel farther than `rms` in the root mean square.
+void roundTailTexels(std::span<uint8_t> texels, int channels, int plane, int most /* up to 127 */, double rms);
 // How many of sound tails' bytes the heights take, by the first kTailCodeHeadBytes of them.
 inline constexpr size_t kTailCodeHeadBytes = 4;
 uint64_t tailCodeHeightBytes(std::span<const uint8_t> bytes);

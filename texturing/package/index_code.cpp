@@ -193,8 +193,8 @@ std::vector<uint8_t> encodeIndexDirectory(std::span<const IndexChunk> chunks) {
     p += kIndexChunkBytes;
   }
   storeLittle(out.data(), static_cast<uint64_t>(chunks.size()));
-  storeLittle(out.data() + 8, static_cast<uint64_t>(XXH3_64bits(out.data() + kIndexHeadBytes,
-                                                               out.size() - kIndexHeadBytes)));
+  storeLittle(out.data() + 8,
+              static_cast<uint64_t>(XXH3_64bits(out.data() + kIndexHeadBytes, out.size() - kIndexHeadBytes)));
   return out;
 }
 
@@ -208,7 +208,8 @@ std::optional<std::vector<IndexChunk>> decodeIndexDirectory(std::span<const uint
                                                             uint64_t entries_bytes) {
   if (directory.size() < kIndexHeadBytes) return std::nullopt;
   const std::span<const uint8_t> entries = directory.subspan(kIndexHeadBytes);
-  if (entries.size() % kIndexChunkBytes != 0 || loadLittle<uint64_t>(directory.data()) != entries.size() / kIndexChunkBytes ||
+  if (entries.size() % kIndexChunkBytes != 0 ||
+      loadLittle<uint64_t>(directory.data()) != entries.size() / kIndexChunkBytes ||
       loadLittle<uint64_t>(directory.data() + 8) != XXH3_64bits(entries.data(), entries.size()))
     return std::nullopt;
   std::vector<IndexChunk> out(entries.size() / kIndexChunkBytes);

@@ -1,5 +1,5 @@
 // index_code.h - the index of texture and relief pages in few bytes: a third to a fifth of what its entries take
-// (texturing/PACKAGE.md, "Coded index"). Some thousand entries a chunk, each by itself, so that a reader decodes those
+// (texturing/PACKAGE.md, "Coded index"). Some hundred entries a chunk, each by itself, so that a reader decodes those
 // that it looks up. Pure. Internal to texturing/.
 #pragma once
 
@@ -13,7 +13,7 @@
 namespace relievo {
 
 inline constexpr uint64_t kIndexHeadBytes = 16, kIndexChunkBytes = 20;
-inline constexpr uint32_t kIndexChunkEntries = 1024;  // a chunk ends with the block that brings it there
+inline constexpr uint32_t kIndexChunkEntries = 512;   // a chunk ends with the block that brings it there
 inline constexpr uint64_t kLeastCodedEntryBytes = 4;  // the hash of a page
 
 // Blocks that follow one another in a tree.

@@ -46,6 +46,9 @@ struct BuildOptions {
   // Of packages with coded texels, and at most kMostCodedPages pages: the index is coded, too (index_code.h); else the
   // package is one of version 8.
   bool coded_index = true;
+  // Of packages with coded tails and a texture_tolerance: texels of tails are rounded within it to what takes fewer
+  // bytes.
+  bool rounded_tails = true;
   // Over a base mesh: texture levels of a patch are left out where every texel is within so many 8-bit steps of what
   // the coarser level or the tail shows, as channelTolerances() says (texture_depths.h). Negative: none are left out.
   // Of compact packages only.

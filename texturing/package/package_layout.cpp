@@ -571,8 +571,7 @@ class HeaderDecoder {
     auto between = [](uint64_t least, uint64_t most) {
       return least == most ? std::to_string(most) : std::to_string(least) + " to " + std::to_string(most);
     };
-    if (!h_.coded_index &&
-        (h_.index_bytes > layout.index_bytes || h_.index_bytes < layout.index_bytes - fewer_bytes)) {
+    if (!h_.coded_index && (h_.index_bytes > layout.index_bytes || h_.index_bytes < layout.index_bytes - fewer_bytes)) {
       return invalid(56, "expected an index of " + between(layout.index_bytes - fewer_bytes, layout.index_bytes) +
                              " bytes, found " + std::to_string(h_.index_bytes));
     }

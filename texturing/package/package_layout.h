@@ -71,12 +71,7 @@ struct PackageHeader {
 // of those bases stay what they were.
 inline uint32_t packageVersion(const PackageHeader& h) {
   if (h.compact)
-    return h.coded_index      ? 9
-           : h.coded_texels   ? 8
-           : h.coded_base     ? 7
-           : h.coded_tails    ? 6
-           : h.texture_depths ? 5
-                              : 4;
+    return h.coded_index ? 9 : h.coded_texels ? 8 : h.coded_base ? 7 : h.coded_tails ? 6 : h.texture_depths ? 5 : 4;
   return h.texture.basis > Basis::kAlbedoNormal ? 3 : h.base_bytes == 0 ? 1 : 2;
 }
 void encodeHeader(const PackageHeader& header, std::span<uint8_t> out /* kHeaderBytes */);

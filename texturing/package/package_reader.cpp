@@ -90,9 +90,9 @@ struct Package::Impl {
       const uint64_t first = place.block_offset - header.index_offset;
       if (first < entriesBytes()) return codedBlock(first);
     }
-    const uint64_t offset =
-        header.coded_index ? detail_offset + (place.block_offset - header.index_offset - entriesBytes())
-                           : place.block_offset;
+    const uint64_t offset = header.coded_index
+                                ? detail_offset + (place.block_offset - header.index_offset - entriesBytes())
+                                : place.block_offset;
     auto found = part(offset, [&]() -> Result<std::vector<uint8_t>> {
       std::vector<uint8_t> bytes(place.block_bytes);
       if (auto read = file.read(offset, bytes); !read) return read.error();
@@ -137,8 +137,7 @@ struct Package::Impl {
     std::vector<uint8_t> out;
     // Before the allocation: so many entries take no fewer bytes.
     if (bytes / kReliefEntryBytes <= code.size()) out.resize(bytes);
-    if (out.empty() ||
-        !decodeIndexBlocks(code, {header.texture.planes(), header.pages_offset}, relief, blocks, out))
+    if (out.empty() || !decodeIndexBlocks(code, {header.texture.planes(), header.pages_offset}, relief, blocks, out))
       return damagedIndex("a part of the index is damaged: it is no code of its entries", offset);
     return out;
   }

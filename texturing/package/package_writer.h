@@ -220,7 +220,7 @@ class PackageWriter {
   std::vector<uint8_t> base_;
   std::unique_ptr<SpillStore> index_;  // its entries, without checksums
   std::vector<uint8_t> index_code_;    // what stands for those of pages, where the header asks for it
-  uint64_t offset_ = 0;  // of the next page, or chunk of tails
+  uint64_t offset_ = 0;                // of the next page, or chunk of tails
   std::vector<TailsChunk> tails_;
 };
 

@@ -28,6 +28,7 @@
 #include "src/base/parallel_for.h"
 #include "texturing/codec/mip.h"
 #include "texturing/codec/page_codec.h"
+#include "texturing/codec/tail_code.h"
 #include "texturing/package/base_code.h"
 #include "texturing/package/build_reporter.h"
 #include "texturing/package/crease_gutter.h"
@@ -384,6 +385,18 @@ class TexelKeeper {
     }
   }
 
+  // The patch's tail once more as its root level has it, in place of one that was rounded.
+  Result<void> keepExactTail(uint32_t patch) {
+    texels_.resize(static_cast<size_t>(c_.store.channels) * kPagePx * kPagePx);
+    const uint64_t place = patch * c_.store.levelBytes() + c_.store.levelOffset(0);
+    if (auto read = c_.levels->read(place, texels_.data(), texels_.size()); !read) return read;
+    return keepTail(patch);
+  }
+  Result<void> keepRoundedTail(uint32_t patch, std::span<const uint8_t> tail) {
+    tail_.assign(tail.begin(), tail.end());
+    return keepTailTexels(patch);
+  }
+
  private:
   Result<void> keepLevel(uint32_t patch, int level, std::span<const uint8_t> texels) {
     const PatchStore& store = c_.store;
@@ -397,6 +410,9 @@ class TexelKeeper {
   Result<void> keepTail(uint32_t patch) {
     tail_.resize(c_.tailBytes() - 2 * kTailHeights);
     tailTexels(c_.mip, texels_, tail_);
+    return keepTailTexels(patch);
+  }
+  Result<void> keepTailTexels(uint32_t patch) {
     const uint64_t finest = static_cast<uint64_t>(c_.store.channels) * kTailTexels * kTailTexels;
     if (auto kept = keepLevel(patch, kTail, std::span(tail_).first(finest)); !kept) return kept;
     return c_.tails->write(patch * c_.tailBytes() + 2 * kTailHeights, tail_.data(), tail_.size());
@@ -627,7 +643,6 @@ class DepthFinder {
     return {};
   }
 
- private:
   Result<bool> showsAllFiner(uint32_t patch, int depth) {
     if (auto loaded = coarse_.load(patch, depth); !loaded) return loaded.error();
     for (int finer = depth + 1; finer <= c_.store.depth; ++finer) {
@@ -637,6 +652,7 @@ class DepthFinder {
     return true;
   }
 
+ private:
   Context& c_;
   const std::vector<ChannelTolerance> tolerances_;  // by channel
   LevelReader coarse_, fine_;
@@ -865,6 +881,103 @@ Result<void> makeSpills(Context& context, SpillBudget& spills) {
   return {};
 }
 
+// Texels of tails that take fewer bytes, within the tolerance. Where a tail stands for all levels, these are within the
+// tolerance of it, as before: what leads beyond is taken back, around the patch as well, as its border shows those
+// texels.
+class TailRounding {
+ public:
+  TailRounding(Context& context, const BuildOptions& options, int workers)
+      : c_(context),
+        options_(options),
+        workers_(workers),
+        rounded_(context.header.domain.patchCount(), 1),
+        tolerances_(channelTolerances(context.header.texture, options.texture_tolerance)) {}
+
+  Result<void> run() {
+    if (auto done = roundAll(); !done) return done;
+    constexpr int kRounds = 4;
+    for (int round = 0;; ++round) {
+      std::vector<uint8_t> beyond(rounded_.size(), 0);
+      auto found = forEachPatch(
+          c_, options_, workers_, [&] { return DepthFinder(c_, options_.texture_tolerance); },
+          [&](DepthFinder& finder, uint32_t patch) -> Result<void> {
+            if (!standsForAll(patch) || !showsRounded(patch)) return {};
+            auto shows = finder.showsAllFiner(patch, kTail);
+            if (!shows) return shows.error();
+            beyond[patch] = round == kRounds || !*shows;
+            return {};
+          },
+          [](size_t) {});
+      if (!found || std::find(beyond.begin(), beyond.end(), 1) == beyond.end()) return found;
+      if (auto done = takeBack(beyond); !done) return done;
+    }
+  }
+
+ private:
+  bool standsForAll(uint32_t patch) const { return c_.texture_depths[patch] == kTail; }
+  // Calls f(patch) for those that share a corner with the patch, and for itself.
+  template <class F>
+  void around(uint32_t patch, F&& f) const {
+    for (const uint32_t corner : c_.source.base().patches[patch])
+      for (uint32_t i = c_.first[corner]; i < c_.first[corner + 1]; ++i) f(c_.at[i] / 4);
+  }
+  bool showsRounded(uint32_t patch) const {
+    bool any = false;
+    around(patch, [&](uint32_t p) { any |= rounded_[p] != 0; });
+    return any;
+  }
+
+  Result<void> roundAll() {
+    const size_t patches = rounded_.size(), chunks = tailsChunks(static_cast<uint32_t>(patches));
+    std::vector<Result<void>> done(chunks);
+    const bool whole = parallelFor(chunks, workers_, options_.interrupted, [&](size_t chunk) {
+      const size_t first = chunk * kTailsChunkPatches, count = std::min<size_t>(kTailsChunkPatches, patches - first);
+      done[chunk] = roundChunk(static_cast<uint32_t>(first), static_cast<uint32_t>(count));
+    });
+    for (const Result<void>& result : done)
+      if (!result) return result;
+    if (!whole) return Error{ErrorKind::kInterrupted, options_.output, "interrupted", "nothing was written", {}};
+    return {};
+  }
+  Result<void> roundChunk(uint32_t first, uint32_t count) {
+    PatchTails tails(count, c_.store.channels);
+    for (uint32_t i = 0; i < count; ++i) {
+      const auto texels = tails.texelsOf(i);
+      const uint64_t place = (first + i) * c_.tailBytes() + 2 * kTailHeights;
+      if (auto read = c_.tails->read(place, texels.data(), texels.size()); !read) return read;
+    }
+    for (int plane = 0; plane < c_.store.channels / 3; ++plane) {
+      const ChannelTolerance& tolerance = tolerances_[static_cast<size_t>(3 * plane)];
+      // Errors that are spread evenly up to this have that root mean square.
+      const double most = std::min(std::floor(std::sqrt(3.0) * tolerance.rms), tolerance.most);
+      roundTailTexels(tails.texels, c_.store.channels, plane, static_cast<int>(std::min(most, 127.0)), tolerance.rms);
+    }
+    TexelKeeper keeper(c_);
+    for (uint32_t i = 0; i < count; ++i)
+      if (auto kept = keeper.keepRoundedTail(first + i, tails.texelsOf(i)); !kept) return kept;
+    return {};
+  }
+
+  Result<void> takeBack(const std::vector<uint8_t>& beyond) {
+    TexelKeeper keeper(c_);
+    for (uint32_t patch = 0; patch < beyond.size(); ++patch) {
+      Result<void> done;
+      if (beyond[patch])
+        around(patch, [&](uint32_t p) {
+          if (done.ok() && std::exchange(rounded_[p], uint8_t{0})) done = keeper.keepExactTail(p);
+        });
+      if (!done) return done;
+    }
+    return {};
+  }
+
+  Context& c_;
+  const BuildOptions& options_;
+  const int workers_;
+  std::vector<uint8_t> rounded_;                    // by patch
+  const std::vector<ChannelTolerance> tolerances_;  // by channel
+};
+
 // Into the header, unless all patches have all levels.
 Result<void> findTextureDepths(Context& context, PackageHeader& header, const BuildOptions& options, int workers) {
   const double tolerance = options.texture_tolerance;
@@ -873,6 +986,8 @@ Result<void> findTextureDepths(Context& context, PackageHeader& header, const Bu
         context, options, workers, [&] { return DepthFinder(context, tolerance); },
         [](DepthFinder& finder, uint32_t patch) { return finder.run(patch); }, [](size_t) {});
     if (!found) return found;
+    if (header.coded_tails && options.rounded_tails)
+      if (auto rounded = TailRounding(context, options, workers).run(); !rounded) return rounded;
     const auto less = [&](int8_t depth) { return depth < header.domain.texture_depth; };
     header.texture_depths = std::any_of(context.texture_depths.begin(), context.texture_depths.end(), less);
   }
