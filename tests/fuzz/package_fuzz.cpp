@@ -46,6 +46,24 @@ Region regionOf(std::span<const uint8_t> file, uint8_t region) {
   }
 }
 
+// Of the first chunks; pages' hashes lie within the code.
+void sealIndexCode(const PackageHeader& header, std::vector<uint8_t>& file) {
+  const uint64_t room = header.index_offset < file.size() ? file.size() - header.index_offset : 0,
+                 bytes = std::min(room, header.index_bytes);
+  if (bytes < kIndexHeadBytes) return;
+  uint8_t* section = file.data() + header.index_offset;
+  const uint64_t directory = indexDirectoryBytes({section, kIndexHeadBytes}, bytes);
+  uint64_t chunk = directory;
+  for (uint64_t k = kIndexHeadBytes; k + kIndexChunkBytes <= directory && k < kBlocks * kIndexChunkBytes;
+       k += kIndexChunkBytes) {
+    const uint64_t size = loadLittle<uint32_t>(section + k + 8);
+    if (size > bytes - chunk) break;
+    storeLittle<uint64_t>(section + k + 12, XXH3_64bits(section + chunk, size));
+    chunk += size;
+  }
+  storeLittle<uint64_t>(section + 8, XXH3_64bits(section + kIndexHeadBytes, directory - kIndexHeadBytes));
+}
+
 void seal(std::vector<uint8_t>& file, bool both_headers) {
   if (file.size() < kHeaderBytes) return;
   uint8_t* h = file.data();
@@ -93,9 +111,11 @@ void seal(std::vector<uint8_t>& file, bool both_headers) {
       });
     };
     const auto planes = static_cast<uint32_t>(header->texture.planes());
-    tree(layout.texture, planes * kTextureEntryBytes, kTextureEntryBytes);
-    if (header->domain.relief_depth >= 0) tree(layout.relief, kReliefEntryBytes, kReliefEntryBytes);
-    if (header->detailBytes() > 0) tree(layout.relief_detail, header->detailBytes(), 0);
+    if (header->coded_index) sealIndexCode(*header, file);
+    else tree(layout.texture, planes * kTextureEntryBytes, kTextureEntryBytes);
+    if (!header->coded_index && header->domain.relief_depth >= 0)
+      tree(layout.relief, kReliefEntryBytes, kReliefEntryBytes);
+    if (!header->coded_index && header->detailBytes() > 0) tree(layout.relief_detail, header->detailBytes(), 0);
     sealHeader();  // an index may lie where the header is
   }
   if (both_headers && file.size() >= 2 * kHeaderBytes) std::memcpy(h + file.size() - kHeaderBytes, h, kHeaderBytes);

@@ -268,7 +268,7 @@ TEST(PatchPackage, otherBasesDeepTreesAndMeshesOfOnePatch) {
   }
 }
 
-// A package of version 8 and an older one tell the same, but for bounds that are rounded away from what they bound.
+// A package of version 9 and an older one tell the same, but for bounds that are rounded away from what they bound.
 TEST(PatchPackage, compactPackagesTellWhatOlderOnesDo) {
   const NoisyPatches source(cubeSphere(2, 50, kSeed), 0, 1, kSeed);
   ScratchFolder folder;

@@ -198,6 +198,59 @@ TEST(TailCode, ChannelsThatDependOnOneAnotherTakeLess) {
   EXPECT_LT(bytesOfTexels(greys) * 10, bytesOfTexels(mixed(greys)) * 7);
 }
 
+// Within the steps and the root mean square that were asked for, level by level.
+TEST(TailCode, RoundedTexelsTakeFewerBytes) {
+  const Tails exact = smooth(100, false);  // all of one colour
+  const auto texelBytes = [](const Tails& t) {
+    const auto bytes = encoded(t);
+    return bytes.size() - tailCodeHeightBytes(bytes);
+  };
+  const size_t before = texelBytes(exact);
+  for (const auto& [most, rms] : {std::pair{1, 1.0}, {4, 1.0}, {4, 100.0}, {0, 1.0}}) {
+    Tails t = exact;
+    roundTailTexels(t.texels, 6, 1, most, rms);
+    int furthest = 0;
+    double worst = 0;
+    for (size_t p = 0; p < t.patches(); ++p)
+      for (size_t i = 0; i < kTailPatchTexels * 6; ++i) {
+        const size_t at = p * kTailPatchTexels * 6 + i;
+        const int off = std::abs(t.texels[at] - exact.texels[at]);
+        furthest = std::max(furthest, off);
+        const size_t finest = 6 * 256;
+        if (i < finest / 2 || (i >= finest && off > 0 && i < finest + 3 * 64)) {
+          ASSERT_EQ(off, 0) << "the other plane";
+        }
+      }
+    for (size_t p = 0; p < t.patches(); ++p)
+      for (size_t c = 3; c < 6; ++c) {
+        double squares = 0;
+        for (size_t i = 0; i < 256; ++i) {
+          const size_t at = p * kTailPatchTexels * 6 + c * 256 + i;
+          squares += std::pow(t.texels[at] - exact.texels[at], 2);
+        }
+        worst = std::max(worst, std::sqrt(squares / 256));
+      }
+    EXPECT_LE(furthest, most);
+    EXPECT_LE(worst, rms);
+    const size_t bytes = texelBytes(t);
+    if (most == 0) {
+      EXPECT_EQ(bytes, before);
+    } else {
+      EXPECT_LT(bytes * 4, before * 3);
+    }
+    if (rms == 100) {
+      EXPECT_GT(worst, 1.1) << "control: the other limit counts, too";
+      EXPECT_EQ(furthest, most);
+    }
+  }
+  // Texels at the ends of their range stay within it.
+  Tails ends = noise(5, 3);
+  for (uint8_t& texel : ends.texels) texel = texel < 128 ? texel % 4 : 255 - texel % 4;
+  const Tails same = ends;
+  roundTailTexels(ends.texels, 3, 0, 3, 100);
+  for (size_t i = 0; i < ends.texels.size(); ++i) ASSERT_LE(std::abs(ends.texels[i] - same.texels[i]), 3);
+}
+
 TEST(TailCode, DamagedBytesAreRefusedOrDecodeToSomething) {
   const Tails t = smooth(12, true);
   const std::vector<uint8_t> good = encoded(t);

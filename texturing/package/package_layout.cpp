@@ -93,6 +93,7 @@ constexpr size_t kTextureDepthsField = 2060;
 constexpr size_t kTailsField = 2064;
 // From version 8 on: how texture pages may be stored beside what encodings say, 1. Before: 0.
 constexpr size_t kTexelsField = 2068;
+// From version 9 on: how the index is stored, 1. Before: 0.
 constexpr size_t kIndexField = 2072;
 constexpr size_t kBasisName = 320, kBasisNameBytes = 32, kBasisCounts = 352, kBasisEncodings = 368, kBasisScales = 432;
 static_assert(kBasisEncodings + 2 * kMaxTexturePlanes <= kBasisScales);
