@@ -92,13 +92,6 @@ class PlaneCode {
 
  public:
   PlaneCode(Coder& coder, Mode mode) : coder_(coder), mode_(mode) { first_.fill(128); }
-  // What the patches so far have left, for who tries one twice.
-  struct Past {
-    std::array<uint8_t, 3> first;
-    bool was_plain;
-  };
-  Past past() const { return {first_, was_plain_}; }
-  void goBack(const Past& to) { first_ = to.first, was_plain_ = to.was_plain; }
 
   // levels[l]: the patch's three channels of level l, one after the other.
   void patch(const std::array<Texels*, kLevels>& levels) {
@@ -304,7 +297,6 @@ void round(std::span<uint8_t> texels, int channels, int plane, int most, double 
       }
     };
     overLevels([](const uint8_t* from, uint8_t* to, int count) { std::copy_n(from, count, to); });
-    const auto past = code->past();
     for (coder.most = most;; --coder.most) {
       code->patch(levels);
       bool within = true;
@@ -312,7 +304,6 @@ void round(std::span<uint8_t> texels, int channels, int plane, int most, double 
         within &= isWithin({levels[0] + c * kFinest, kFinest}, {before.data() + c * kFinest, kFinest}, rms);
       if (within || coder.most == 0) break;
       overLevels([](uint8_t* to, const uint8_t* from, int count) { std::copy_n(from, count, to); });
-      code->goBack(past);
     }
   }
 }
