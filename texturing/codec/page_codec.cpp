@@ -31,6 +31,7 @@
 #include "texturing/codec/page_block_codec.h"
 #include "texturing/codec/page_jpeg_codec.h"
 #include "texturing/codec/relief_code.h"
+#include "texturing/codec/tail_code.h"
 #include "texturing/codec/texel_code.h"
 
 namespace relievo {
@@ -57,7 +58,8 @@ enum Packing : uint8_t {
   kHierarchical = 8,  // relief_code.h
   kCoarseRaw = 10,    // coarse_page.h
   kCoarseZstd = 11,
-  kHierarchicalTexels = 12  // texel_code.h
+  kHierarchicalTexels = 12,  // texel_code.h
+  kOverTail = 14             // relief_code.h: its tail's heights, then the code
 };
 
 constexpr bool isCoarse(uint8_t packing) { return packing == kCoarseRaw || packing == kCoarseZstd; }
@@ -406,9 +408,11 @@ std::span<const uint8_t> PageEncoder::encodeTextureWithin(std::span<const uint8_
 
 std::span<const uint8_t> PageEncoder::encodeRelief(std::span<const uint16_t> samples, ReliefEncoding encoding) {
   assert(samples.size() == kReliefPageSamples);
-  if (encoding == ReliefEncoding::kHierarchical) {
-    impl_->hierarchical.assign(1, kHierarchical);
-    encodeReliefCode(samples, impl_->relief, impl_->hierarchical);
+  if (encoding != ReliefEncoding::kRows) {
+    const bool over_tail = encoding == ReliefEncoding::kOverTail;
+    impl_->hierarchical.assign(1, over_tail ? kOverTail : kHierarchical);
+    if (over_tail) encodeReliefCodeOverTail(samples, impl_->relief, impl_->hierarchical);
+    else encodeReliefCode(samples, impl_->relief, impl_->hierarchical);
     if (impl_->hierarchical.size() < kReliefBytes) return impl_->hierarchical;
   }
   static constexpr uint16_t kZeros[kReliefSamples] = {};
@@ -560,12 +564,31 @@ Result<void> PageDecoder::decodeTexture(std::span<const uint8_t> encoded, std::s
   return {};
 }
 
+bool needsTailHeights(std::span<const uint8_t> stored) { return !stored.empty() && stored[0] == kOverTail; }
+
+void addTailHeights(std::span<const uint16_t> heights, std::vector<uint8_t>& stored) {
+  assert(2 * heights.size() == kTailHeightsBytes && needsTailHeights(stored));
+  stored.insert(stored.begin() + 1, kTailHeightsBytes, uint8_t{0});
+  uint8_t* p = stored.data() + 1;
+  for (const uint16_t h : heights) *p++ = static_cast<uint8_t>(h), *p++ = static_cast<uint8_t>(h >> 8);
+}
+
 Result<void> PageDecoder::decodeRelief(std::span<const uint8_t> encoded, std::span<uint16_t> samples) {
   assert(samples.size() == kReliefPageSamples);
   if (encoded.size() < kReliefHeadBytes) return damaged("an encoded page is too short");
   if (encoded[0] == kHierarchical) {
     if (decodeReliefCode(encoded.subspan(1), impl_->relief, samples)) return {};
     return damaged("an encoded page of hierarchical relief has too few bytes or too many");
+  }
+  if (encoded[0] == kOverTail) {
+    constexpr size_t kSamples = (1 << kTailCodeCellsLog2) + 1, kStep = kPagePx >> kTailCodeCellsLog2;
+    const uint8_t* p = encoded.data() + 1;
+    if (encoded.size() < 1 + kTailHeightsBytes) return damaged("an encoded page lacks the heights of its tail");
+    for (size_t y = 0; y < kSamples; ++y)
+      for (size_t x = 0; x < kSamples; ++x, p += 2)
+        samples[kStep * (y * kReliefSamples + x)] = static_cast<uint16_t>(p[0] | p[1] << 8);
+    if (decodeReliefCodeOverTail(encoded.subspan(1 + kTailHeightsBytes), impl_->relief, samples)) return {};
+    return damaged("an encoded page over its tail has too few bytes or too many");
   }
   if (encoded[1] >= kPredictorCount) return damaged("an encoded page names an unknown predictor");
   if (encoded[0] > kZstd) return damaged("an encoded page is packed in an unknown way");

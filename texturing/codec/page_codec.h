@@ -32,6 +32,12 @@ inline constexpr size_t kSlotBytes = size_t{4} * kPageFullPx * kPageFullPx;  // 
 void reliefSamples(std::span<const uint8_t> texels /* kSlotBytes */,
                    std::span<uint16_t> samples /* kReliefPageSamples */);
 
+// A page of ReliefEncoding::kOverTail is encoded without the heights of its tail, and decoded with them: 17 x 17, rows
+// of v from 0.
+inline constexpr size_t kTailHeightsBytes = size_t{2} * 17 * 17;
+bool needsTailHeights(std::span<const uint8_t> stored);
+void addTailHeights(std::span<const uint16_t> heights, std::vector<uint8_t>& stored);
+
 // One per thread: holds the compressor's context and scratch memory.
 class PageEncoder {
  public:

@@ -31,10 +31,11 @@ struct PageEncoding {
 };
 using PlaneEncodings = std::array<PageEncoding, kMaxTexturePlanes>;
 
-// How relief pages are stored, always exactly. The numbers stand in packages.
+// How relief pages are stored, always exactly.
 enum class ReliefEncoding : uint8_t {
-  kRows = 0,         // a predictor a page, row by row, then zstd: decodes in a tenth of the time
-  kHierarchical = 1  // level by level, then range coded (relief_code.h): smaller
+  kRows,          // a predictor a page, row by row, then zstd: decodes in a tenth of the time
+  kHierarchical,  // level by level, then range coded (relief_code.h): smaller
+  kOverTail       // the same of a patch's root page, without what its tail has
 };
 
 inline constexpr int kMinQuantisedBits = 4, kMaxQuantisedBits = 7;

@@ -3,6 +3,7 @@
 #include <cassert>
 
 #include "texturing/codec/relief_levels.h"
+#include "texturing/codec/tail_code.h"
 
 namespace relievo {
 namespace {
@@ -15,19 +16,20 @@ template <class Coder>
 class PageCode {
  public:
   PageCode(Coder& coder, ReliefCodeScratch& s) : coder_(coder), grid_(coder, models_, s) {}
-  void run(Head& head, auto samples) {
-    codeHead(head);
-    grid_.run(head, samples);
+  // known: levels that the samples have already.
+  void run(Head& head, auto samples, int known) {
+    codeHead(head, known);
+    grid_.run(head, samples, known);
   }
 
  private:
-  void codeHead(Head& head) {
+  void codeHead(Head& head, int known) {
     head.step = coder_.plain(head.step, 16);
     head.levels = static_cast<int>(coder_.plain(static_cast<uint32_t>(head.levels), 3));
-    head.stepped_corners = coder_.plain(head.stepped_corners, 1);
-    for (int l = 0; l < head.levels; ++l)
+    if (known == 0) head.stepped_corners = coder_.plain(head.stepped_corners, 1);
+    for (int l = known; l < head.levels; ++l)
       head.how[static_cast<size_t>(l)] = coder_.plain(head.how[static_cast<size_t>(l)], 2);
-    for (int l = 0; l < head.levels; ++l)
+    for (int l = known; l < head.levels; ++l)
       head.times[static_cast<size_t>(l)] = coder_.plain(head.times[static_cast<size_t>(l)], 3);
     if (head.step == 0) head.step = 1;  // of damaged bytes
   }
@@ -36,22 +38,37 @@ class PageCode {
   relief_levels::GridCode<kPageCellsLog2, Coder> grid_;
 };
 
-}  // namespace
-
-void encodeReliefCode(std::span<const uint16_t> samples, ReliefCodeScratch& scratch, std::vector<uint8_t>& out) {
+void encodePage(std::span<const uint16_t> samples, int known, ReliefCodeScratch& scratch, std::vector<uint8_t>& out) {
   assert(samples.size() == size_t{kReliefSamples} * kReliefSamples);
   Head head = relief_levels::headOf<kPageCellsLog2>(samples, scratch);
+  if (head.levels <= known) head.step = 1, head.levels = 0;  // nothing is left
   EncodingCoder coder{RangeEncoder(out)};
-  PageCode<EncodingCoder>(coder, scratch).run(head, samples);
+  PageCode<EncodingCoder>(coder, scratch).run(head, samples, known);
   coder.rc.finish();
 }
 
-bool decodeReliefCode(std::span<const uint8_t> bytes, ReliefCodeScratch& scratch, std::span<uint16_t> samples) {
+bool decodePage(std::span<const uint8_t> bytes, int known, ReliefCodeScratch& scratch, std::span<uint16_t> samples) {
   assert(samples.size() == size_t{kReliefSamples} * kReliefSamples);
   DecodingCoder coder{RangeDecoder(bytes)};
   Head head;
-  PageCode<DecodingCoder>(coder, scratch).run(head, samples);
+  PageCode<DecodingCoder>(coder, scratch).run(head, samples, known);
   return coder.rc.whole();
+}
+
+}  // namespace
+
+void encodeReliefCode(std::span<const uint16_t> samples, ReliefCodeScratch& scratch, std::vector<uint8_t>& out) {
+  encodePage(samples, 0, scratch, out);
+}
+bool decodeReliefCode(std::span<const uint8_t> bytes, ReliefCodeScratch& scratch, std::span<uint16_t> samples) {
+  return decodePage(bytes, 0, scratch, samples);
+}
+void encodeReliefCodeOverTail(std::span<const uint16_t> samples, ReliefCodeScratch& scratch,
+                              std::vector<uint8_t>& out) {
+  encodePage(samples, kTailCodeCellsLog2, scratch, out);
+}
+bool decodeReliefCodeOverTail(std::span<const uint8_t> bytes, ReliefCodeScratch& scratch, std::span<uint16_t> samples) {
+  return decodePage(bytes, kTailCodeCellsLog2, scratch, samples);
 }
 
 }  // namespace relievo

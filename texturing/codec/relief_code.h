@@ -24,6 +24,10 @@ struct ReliefCodeScratch {
 // Appends to out.
 void encodeReliefCode(std::span<const uint16_t> samples /* kReliefSamples^2 */, ReliefCodeScratch& scratch,
                       std::vector<uint8_t>& out);
+// The same of a page whose tail is known: of its first kTailCodeCellsLog2 levels, which then are not coded.
+void encodeReliefCodeOverTail(std::span<const uint16_t> samples, ReliefCodeScratch& scratch, std::vector<uint8_t>& out);
+// samples: every 8th one, along rows and columns, is the tail's. False: as below.
+bool decodeReliefCodeOverTail(std::span<const uint8_t> bytes, ReliefCodeScratch& scratch, std::span<uint16_t> samples);
 // False: the bytes are not such a page. samples are then of any content.
 bool decodeReliefCode(std::span<const uint8_t> bytes, ReliefCodeScratch& scratch, std::span<uint16_t> samples);
 

@@ -230,11 +230,13 @@ class GridCode : Pass<Coder> {
   using Samples = std::span<std::conditional_t<kEncodes, const uint16_t, uint16_t>>;
   GridCode(Coder& coder, Models& models, ReliefCodeScratch& s) : P(coder, models, s), s_(s) {}
 
-  void run(const Head& head, Samples samples) {
+  // known: how many levels the samples have already, which are not coded.
+  void run(const Head& head, Samples samples, int known = 0) {
     std::fill_n(s_.sizes.begin(), (kSide + 2 * kMargin) * kRow, uint16_t{0});
     parent_side_ = 0;
-    corners(head, samples);
-    for (int level = 0; level < kLevels; ++level) {
+    if (known == 0) corners(head, samples);
+    else load(1 << known, samples);
+    for (int level = known; level < kLevels; ++level) {
       const int n = 2 << level;
       spread(s_, n / 2);
       if (level >= head.levels) {

@@ -356,23 +356,28 @@ void encode(std::span<const uint16_t> heights, std::span<const uint8_t> texels, 
         out, [&] { encodePlane(texels, patches, channels, plane, bestMode(texels, patches, channels, plane), out); });
 }
 
+// Takes them from the bytes.
+bool decodeHeights(std::span<const uint8_t>& bytes, std::span<uint16_t> heights) {
+  assert(heights.size() % kHeights == 0);
+  std::span<const uint8_t> stream;
+  if (!takeStream(bytes, stream)) return false;
+  const auto scratch = std::make_unique<ReliefCodeScratch>();
+  DecodingCoder coder{RangeDecoder(stream)};
+  const auto code = std::make_unique<HeightsCode<DecodingCoder>>(coder, *scratch);
+  for (size_t p = 0; p < heights.size() / kHeights; ++p) {
+    relief_levels::Head head;
+    code->run(head, heights.subspan(p * kHeights, kHeights));
+    if (coder.rc.exhausted()) return false;
+  }
+  return coder.rc.whole();
+}
+
 bool decode(std::span<const uint8_t> bytes, int channels, std::span<uint16_t> heights, std::span<uint8_t> texels) {
-  assert(channels % 3 == 0 && heights.size() % kHeights == 0);
+  assert(channels % 3 == 0);
   const size_t patches = heights.size() / kHeights;
   assert(texels.size() == patches * kTexels * static_cast<size_t>(channels));
   std::span<const uint8_t> stream;
-  if (!takeStream(bytes, stream)) return false;
-  {
-    const auto scratch = std::make_unique<ReliefCodeScratch>();
-    DecodingCoder coder{RangeDecoder(stream)};
-    const auto code = std::make_unique<HeightsCode<DecodingCoder>>(coder, *scratch);
-    for (size_t p = 0; p < patches; ++p) {
-      relief_levels::Head head;
-      code->run(head, heights.subspan(p * kHeights, kHeights));
-      if (coder.rc.exhausted()) return false;
-    }
-    if (!coder.rc.whole()) return false;
-  }
+  if (!decodeHeights(bytes, heights)) return false;
   for (int plane = 0; plane < channels / 3; ++plane) {
     if (!takeStream(bytes, stream) || stream.empty() || stream[0] >= kModes) return false;
     DecodingCoder coder{RangeDecoder(stream.subspan(1))};
@@ -394,6 +399,10 @@ void encodeTailCode(std::span<const uint16_t> heights, std::span<const uint8_t> 
 bool decodeTailCode(std::span<const uint8_t> bytes, int channels, std::span<uint16_t> heights,
                     std::span<uint8_t> texels) {
   return tail_code::decode(bytes, channels, heights, texels);
+}
+
+bool decodeTailHeights(std::span<const uint8_t> bytes, std::span<uint16_t> heights) {
+  return tail_code::decodeHeights(bytes, heights);
 }
 
 void roundTailTexels(std::span<uint8_t> texels, int channels, int plane, int most, double rms) {

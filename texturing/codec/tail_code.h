@@ -21,6 +21,8 @@ void encodeTailCode(std::span<const uint16_t> heights, std::span<const uint8_t> 
 // False: the bytes are no such tails of so many patches. heights and texels are then of any content.
 bool decodeTailCode(std::span<const uint8_t> bytes, int channels, std::span<uint16_t> heights,
                     std::span<uint8_t> texels);
+// The heights alone.
+bool decodeTailHeights(std::span<const uint8_t> bytes, std::span<uint16_t> heights);
 // An encoder's choice among texels that serve as well: those of one plane become others that take far fewer bytes, none
 // farther off than `most` steps, and of a patch's finest level no channel farther than `rms` in the root mean square.
 void roundTailTexels(std::span<uint8_t> texels, int channels, int plane, int most /* up to 127 */, double rms);

@@ -228,25 +228,54 @@ struct Package::Impl {
     if (!chunks) return at(chunks.error());
     return chunks;
   }
+  // The heights of a patch's tail.
+  Result<void> tailHeights(uint32_t patch, std::span<uint16_t> out) const {
+    auto directory = part(header.tails_offset, [&]() -> Result<std::vector<uint8_t>> {
+      auto chunks = tailsDirectory();
+      if (!chunks) return chunks.error();
+      return encodeTailsDirectory(header.domain.patchCount(), header.texture.channels(), *chunks);
+    });
+    if (!directory) return directory.error();
+    const uint32_t number = patch / kTailsChunkPatches, first = number * kTailsChunkPatches,
+                   count = std::min(kTailsChunkPatches, header.domain.patchCount() - first);
+    const TailsChunk chunk = tailsChunkAt(**directory, number);
+    auto heights = part(chunk.offset, [&]() -> Result<std::vector<uint8_t>> {
+      auto bytes = readTailsChunk(chunk, first, count);
+      if (!bytes) return bytes.error();
+      std::vector<uint16_t> decoded(count * kTailHeights);
+      if (!decodeTailHeights(*bytes, decoded))
+        return damagedTails(chunk, first, count, " are damaged: expected the codes of so many patches");
+      std::vector<uint8_t> kept(2 * decoded.size());
+      std::memcpy(kept.data(), decoded.data(), kept.size());
+      return kept;
+    });
+    if (!heights) return heights.error();
+    std::memcpy(out.data(), (*heights)->data() + 2 * kTailHeights * (patch - first), out.size_bytes());
+    return {};
+  }
+  Error damagedTails(const TailsChunk& chunk, uint32_t first, uint32_t count, const std::string& what) const {
+    return {ErrorKind::kInvalidData, file.path(),
+            "the tails of patches " + std::to_string(first) + " to " + std::to_string(first + count - 1) + what,
+            "rebuild the package, or get a whole copy", chunk.offset};
+  }
+  Result<std::vector<uint8_t>> readTailsChunk(const TailsChunk& chunk, uint32_t first, uint32_t count) const {
+    // Checked before the allocation.
+    if (chunk.offset > file.size() || chunk.size > file.size() - chunk.offset)
+      return damagedTails(chunk, first, count, " lie beyond the end of the file");
+    std::vector<uint8_t> bytes(chunk.size);
+    if (auto read = file.read(chunk.offset, bytes); !read) return read.error();
+    if (XXH3_64bits(bytes.data(), bytes.size()) != chunk.hash)
+      return damagedTails(chunk, first, count, " are damaged: their checksum does not match");
+    return bytes;
+  }
   // The chunk of patches first .. first + count, as those from `into` on.
   Result<void> readTails(const TailsChunk& chunk, uint32_t first, uint32_t count, PatchTails& tails,
                          uint32_t into) const {
-    auto at = [&](std::string message) {
-      return Error{ErrorKind::kInvalidData, file.path(), std::move(message), "rebuild the package, or get a whole copy",
-                   chunk.offset};
-    };
-    const std::string who =
-        "the tails of patches " + std::to_string(first) + " to " + std::to_string(first + count - 1);
-    // Checked before the allocation.
-    if (chunk.offset > file.size() || chunk.size > file.size() - chunk.offset)
-      return at(who + " lie beyond the end of the file");
-    std::vector<uint8_t> bytes(chunk.size);
-    if (auto read = file.read(chunk.offset, bytes); !read) return read;
-    if (XXH3_64bits(bytes.data(), bytes.size()) != chunk.hash)
-      return at(who + " are damaged: their checksum does not match");
+    auto bytes = readTailsChunk(chunk, first, count);
+    if (!bytes) return bytes.error();
     auto decoded =
-        decodeTailsChunk(bytes, into, count, header.coded_tails ? TailsStorage::kCoded : TailsStorage::kZstd, tails);
-    return decoded ? decoded : at(who + " are damaged: " + decoded.error().message);
+        decodeTailsChunk(*bytes, into, count, header.coded_tails ? TailsStorage::kCoded : TailsStorage::kZstd, tails);
+    return decoded ? decoded : damagedTails(chunk, first, count, " are damaged: " + decoded.error().message);
   }
 
   // What the header does not hold: where the data came from.
@@ -565,6 +594,15 @@ Result<EncodedPage> Package::Impl::readPage(const Package& package, PageId id) c
   if (auto read = file.read(found->offset, page.bytes); !read) return failed(read.error().message, read.error().kind);
   if (!found->checksum.matches(XXH3_64bits(page.bytes.data(), page.bytes.size())))
     return failed("its checksum does not match", ErrorKind::kInvalidData);
+  if (id.plane() == Plane::kRelief && needsTailHeights(page.bytes)) {
+    std::array<uint16_t, kTailHeights> heights;
+    if (id.node().level > 0 || header.tails_bytes == 0 || !header.coded_tails)
+      return failed("it is stored over a tail that it does not have", ErrorKind::kInvalidData);
+    if (auto known = tailHeights(id.node().patch, heights); !known)
+      return failed(known.error().message, known.error().kind);
+    addTailHeights(heights, page.bytes);
+    page.from_tail = kTailHeightsBytes;
+  }
   return page;
 }
 

@@ -78,12 +78,15 @@ Result<std::vector<TailsChunk>> decodeTailsDirectory(std::span<const uint8_t> by
                                 std::to_string(found));
   }
   std::vector<TailsChunk> out(tailsChunks(patches));
-  const uint8_t* p = bytes.data() + kTailsHeadBytes;
   for (TailsChunk& c : out) {
-    c = {loadLittle<uint64_t>(p), loadLittle<uint32_t>(p + 8), loadLittle<uint64_t>(p + 12)};
-    p += kTailsEntryBytes;
+    c = tailsChunkAt(bytes, static_cast<uint32_t>(&c - out.data()));
   }
   return out;
+}
+
+TailsChunk tailsChunkAt(std::span<const uint8_t> directory, uint32_t number) {
+  const uint8_t* p = directory.data() + kTailsHeadBytes + number * kTailsEntryBytes;
+  return {loadLittle<uint64_t>(p), loadLittle<uint32_t>(p + 8), loadLittle<uint64_t>(p + 12)};
 }
 
 std::vector<uint8_t> encodeTailsChunk(const PatchTails& tails, uint32_t first, uint32_t count, TailsStorage storage,

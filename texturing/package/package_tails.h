@@ -28,6 +28,9 @@ std::vector<uint8_t> encodeTailsDirectory(uint32_t patches, int channels, std::s
 // empty.
 Result<std::vector<TailsChunk>> decodeTailsDirectory(std::span<const uint8_t> bytes, uint32_t patches, int channels);
 
+// One of a sound directory's chunks.
+TailsChunk tailsChunkAt(std::span<const uint8_t> directory, uint32_t number);
+
 // How chunks are stored: differences in a zstd frame up to version 5, texturing/codec/tail_code.h from version 6 on.
 enum class TailsStorage : uint8_t { kZstd, kCoded };
 

@@ -3,6 +3,8 @@
 // threads.
 #pragma once
 
+#include <algorithm>
+#include <cstddef>
 #include <cstdint>
 #include <vector>
 
@@ -14,6 +16,8 @@ namespace relievo {
 // What a page's bytes are; see page_codec.h.
 struct EncodedPage {
   std::vector<uint8_t> bytes;
+  size_t from_tail = 0;  // of them, those that a package has elsewhere (page_codec.h, addTailHeights())
+  size_t storedBytes() const { return bytes.size() - std::min(bytes.size(), from_tail); }
 };
 
 class PageSource {

@@ -500,7 +500,8 @@ class ReliefWriter {
                      .relief = true,
                      .detail_offset = detail_offset,
                      .range = relief_.range(level, x, y)},
-                    encoder_.encodeRelief(samples_, encoding));
+                    encoder_.encodeRelief(samples_,
+                                          level == 0 && c_.header.coded_index ? ReliefEncoding::kOverTail : encoding));
         }
       }
     }

@@ -87,7 +87,7 @@ bool PageLoader::loadStored(PageId id, const std::function<bool()>& wanted, uint
     outcome.error = page.error();
     return end(LoadOutcome::End::kFailed);
   }
-  outcome.costs.push_back({id.plane(), page->bytes.size(), false});
+  outcome.costs.push_back({id.plane(), page->storedBytes(), false});
   if (!wanted()) return end(LoadOutcome::End::kCancelledBeforeDecode);
   std::span<uint8_t> out(texels, slotBytes(upload_, id.plane()));
   const bool blocks = isBlockCodec(upload_) && isTexturePlane(id.plane());

@@ -171,7 +171,7 @@ Result<EncodedPage> RateLimitedSource::read(PageId id) const {
   double transferred_s = requested_s;
   if (limits_.bytes_per_s > 0 && page) {
     std::lock_guard lock(mutex_);
-    link_free_s_ = std::max(link_free_s_, requested_s) + static_cast<double>(page->bytes.size()) / limits_.bytes_per_s;
+    link_free_s_ = std::max(link_free_s_, requested_s) + static_cast<double>(page->storedBytes()) / limits_.bytes_per_s;
     transferred_s = link_free_s_;
   }
   clock_.sleepUntil(transferred_s + latency_s(id));
@@ -198,7 +198,9 @@ CheckedSource::ChecksumOf checksumsOf(std::shared_ptr<const Package> package) {
   return [package](PageId id) -> std::optional<PageChecksum> {
     auto record = package->record(id);
     if (!record) return std::nullopt;
-    return record->checksum;
+    const auto page = package->read(id);
+    if (!page || page->from_tail == 0) return record->checksum;
+    return PageChecksum{XXH3_64bits(page->bytes.data(), page->bytes.size())};
   };
 }
 
@@ -214,7 +216,7 @@ Result<EncodedPage> RecordingSource::read(PageId id) const {
   auto page = inner_->read(id);
   if (page) {
     std::lock_guard lock(mutex_);
-    reads_[place].bytes = static_cast<uint32_t>(page->bytes.size());
+    reads_[place].bytes = static_cast<uint32_t>(page->storedBytes());
   }
   return page;
 }

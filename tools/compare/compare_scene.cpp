@@ -70,7 +70,7 @@ Result<CompareScene> loadCompareScene(std::shared_ptr<const Package> package, ui
             else field->setPage(node, samples);
           }
           resident->insert(node);
-          scene.encoded[node] = {static_cast<uint32_t>(encoded->bytes.size()), decoding.count()};
+          scene.encoded[node] = {static_cast<uint32_t>(encoded->storedBytes()), decoding.count()};
           ++scene.pages;
         }
   scene.strategy = {domain, artworkFromPackage(package).oracle, resident, field,
