@@ -839,6 +839,11 @@ Result<void> MeshBuild::pack() {
     auto relief = planeUsage(**opened, Plane::kRelief);
     if (!relief) return relief.error();
     result_.relief_bytes = relief->bytes + (*opened)->header().base_bytes;
+    if ((*opened)->header().coded_index) {  // root pages are not whole without their tails
+      auto tails = (*opened)->tailBytes();
+      if (!tails) return tails.error();
+      result_.relief_bytes += tails->heights.value_or(0);
+    }
     const PatchDomain& domain = (*opened)->manifest().domain;
     result_.texture_tolerance = a_.texture_tolerance;
     for (int level = 0; level <= domain.texture_depth; ++level) result_.texture_nodes += domain.nodeCount(level);

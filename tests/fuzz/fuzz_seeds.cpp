@@ -161,6 +161,10 @@ void pages() {
     heights[i] = static_cast<uint16_t>(3 * (i % kReliefSamples) + 5 * (i / kReliefSamples));
   put("page", "relief", asText(1, encoder.encodeRelief(heights)));
   put("page", "hierarchical relief", asText(1, encoder.encodeRelief(heights, ReliefEncoding::kHierarchical)));
+  std::vector<uint8_t> over_tail;
+  for (uint8_t byte : encoder.encodeRelief(heights, ReliefEncoding::kOverTail)) over_tail.push_back(byte);
+  addTailHeights(std::vector<uint16_t>(kTailHeightsBytes / 2, 900), over_tail);
+  put("page", "relief over its tail", asText(1, over_tail));
   heights.assign(heights.size(), 77);
   put("page", "flat relief", asText(1, encoder.encodeRelief(heights)));
   put("page", "flat hierarchical relief", asText(1, encoder.encodeRelief(heights, ReliefEncoding::kHierarchical)));

@@ -72,7 +72,19 @@ TEST(PageCodec, textureComesBackBitForBit) {
   }
 }
 
-constexpr ReliefEncoding kReliefEncodings[] = {ReliefEncoding::kRows, ReliefEncoding::kHierarchical};
+constexpr ReliefEncoding kReliefEncodings[] = {ReliefEncoding::kRows, ReliefEncoding::kHierarchical,
+                                               ReliefEncoding::kOverTail};
+// As a decoder takes it: with its tail's heights, where it was stored without them.
+std::vector<uint8_t> encodedRelief(PageEncoder& encoder, const std::vector<uint16_t>& page, ReliefEncoding encoding) {
+  const auto stored = encoder.encodeRelief(page, encoding);
+  std::vector<uint8_t> out(stored.begin(), stored.end());
+  if (!needsTailHeights(out)) return out;
+  std::vector<uint16_t> tail;
+  for (int y = 0; y <= 128; y += 8)
+    for (int x = 0; x <= 128; x += 8) tail.push_back(page[static_cast<size_t>(y * kReliefSamples + x)]);
+  addTailHeights(tail, out);
+  return out;
+}
 
 TEST(PageCodec, reliefComesBackBitForBit) {
   PageEncoder encoder(1);
@@ -80,8 +92,8 @@ TEST(PageCodec, reliefComesBackBitForBit) {
   for (const Content& content : contents()) {
     for (const ReliefEncoding encoding : kReliefEncodings) {
       auto page = reliefPage(content.fill, 2);
-      auto encoded = encoder.encodeRelief(page, encoding);
-      EXPECT_LE(encoded.size(), kReliefPageSamples * 2 + 2) << content.name;
+      EXPECT_LE(encoder.encodeRelief(page, encoding).size(), kReliefPageSamples * 2 + 2) << content.name;
+      const auto encoded = encodedRelief(encoder, page, encoding);
       std::vector<uint16_t> out(kReliefPageSamples, 0xAAAA);
       auto decoded = decoder.decodeRelief(encoded, out);
       ASSERT_TRUE(decoded.ok()) << content.name << ": " << decoded.error().text();
@@ -131,6 +143,30 @@ TEST(PageCodec, hierarchicalReliefIsSmallWhereACoarserGridShowsIt) {
   const size_t small = encoder.encodeRelief(page, ReliefEncoding::kHierarchical).size();
   page[5 * kReliefSamples + 6] = static_cast<uint16_t>(page[5 * kReliefSamples + 6] + 1);
   EXPECT_GT(encoder.encodeRelief(page, ReliefEncoding::kHierarchical).size(), small * 3 / 2);
+}
+
+TEST(PageCodec, whatATailHasIsNotStoredOnceMore) {
+  PageEncoder encoder(1);
+  PageDecoder decoder;
+  std::vector<uint16_t> out(kReliefPageSamples);
+  for (const int step : {1, 37}) {
+    for (const int finer : {7, 3}) {  // at most 16 cells show all of it
+      const auto page = steppedPage(finer, step, 5);
+      EXPECT_LE(encoder.encodeRelief(page, ReliefEncoding::kOverTail).size(), 9u) << finer;
+      ASSERT_TRUE(decoder.decodeRelief(encodedRelief(encoder, page, ReliefEncoding::kOverTail), out).ok());
+      EXPECT_EQ(out, page);
+    }
+    const auto page = steppedPage(2, step, 5);
+    const size_t over_tail = encoder.encodeRelief(page, ReliefEncoding::kOverTail).size();
+    EXPECT_GT(over_tail, 100u) << "control: 32 cells";
+    EXPECT_LT(over_tail + 60, encoder.encodeRelief(page, ReliefEncoding::kHierarchical).size());
+    // Control: the heights of another tail are seen.
+    auto other = encodedRelief(encoder, page, ReliefEncoding::kOverTail);
+    other[40] ^= 64;
+    if (decoder.decodeRelief(other, out).ok()) {
+      EXPECT_NE(out, page);
+    }
+  }
 }
 
 TEST(PageCodec, smoothPagesShrinkAndNoiseDoesNotGrow) {
@@ -198,8 +234,7 @@ TEST(PageCodec, everyTruncationFails) {
     whole.push_back(0);
     EXPECT_FALSE(decoder.decodeTexture(whole, out).ok()) << "a byte too many";
     for (const ReliefEncoding encoding : kReliefEncodings) {
-      auto relief = encoder.encodeRelief(reliefPage(contents()[static_cast<size_t>(which)].fill, 1), encoding);
-      std::vector<uint8_t> whole_relief(relief.begin(), relief.end());
+      auto whole_relief = encodedRelief(encoder, reliefPage(contents()[static_cast<size_t>(which)].fill, 1), encoding);
       step = std::max<size_t>(1, whole_relief.size() / 3000);
       for (size_t n = 0; n < whole_relief.size(); n += step) {
         std::vector<uint8_t> cut(whole_relief.begin(), whole_relief.begin() + static_cast<std::ptrdiff_t>(n));
@@ -225,9 +260,10 @@ TEST(PageCodec, anyBytesDecodeOrFailCleanly) {
   const std::vector<uint8_t> good_relief(relief.begin(), relief.end());
   relief = encoder.encodeRelief(reliefPage(contents()[4].fill, 1), ReliefEncoding::kHierarchical);
   const std::vector<uint8_t> hierarchical(relief.begin(), relief.end());
+  const auto over_tail = encodedRelief(encoder, reliefPage(contents()[4].fill, 1), ReliefEncoding::kOverTail);
   int decoded = 0;
   for (int i = 0; i < 4000; ++i) {
-    std::vector<uint8_t> bytes = i % 2 ? good_texture : i % 8 < 4 ? good_relief : hierarchical;
+    std::vector<uint8_t> bytes = i % 2 ? good_texture : i % 8 < 4 ? good_relief : i % 16 < 8 ? hierarchical : over_tail;
     int flips = 1 + static_cast<int>(random() % 8);
     for (int f = 0; f < flips; ++f)
       bytes[random() % (random() % 4 ? bytes.size() : 24)] ^= static_cast<uint8_t>(1u << (random() % 8));

@@ -288,7 +288,7 @@ TEST(PatchTails, chunksHoldDifferencesToTheLeftOrAtARowsBeginningToAbove) {
 
 class TailsOfPackage : public ::testing::Test {
  protected:
-  // Built once, for no test changes it.
+  // Built once, for no test changes it. Of the last version whose root pages hold what the tails do.
   static void SetUpTestSuite() {
     // More patches than a chunk has.
     ManyPatches source(cubeSphere(7, 50, kSeed), 0, 0, kSeed);
@@ -299,6 +299,7 @@ class TailsOfPackage : public ::testing::Test {
     options.output = folder.file("many.relievo");
     options.workers = 2;
     options.zstd_level = 1;
+    options.coded_index = false;
     auto built = buildPatchPackage(source, options);
     ASSERT_TRUE(built.ok()) << built.error().text();
     bytes_ = readAll(options.output);
@@ -431,6 +432,39 @@ TEST_F(TailsOfPackage, damagedTheyAreMadeOfThePagesAndNamed) {
     EXPECT_TRUE(package->tails(2, &said) == sound) << c.what;
     ASSERT_FALSE(said.empty()) << c.what;
   }
+}
+
+// From version 9 on root pages are stored over their tails.
+TEST(TailsUnderPages, damagedTheyAndTheRootPagesAreNamedAndCounted) {
+  if (test::kSanitized) GTEST_SKIP() << "about what is said; others read damaged packages under the sanitizer";
+  ManyPatches source(cubeSphere(7, 50, kSeed), 0, 0, kSeed);
+  ScratchFolder folder;
+  BuildOptions options;
+  options.output = folder.file("many.relievo");
+  ASSERT_TRUE(buildPatchPackage(source, options).ok());
+  auto bytes = readAll(options.output);
+  const auto sound = *Package::open(options.output);
+  const PatchTails tails = sound->tails(1, nullptr);
+  const uint64_t chunk = loadLittle<uint64_t>(bytes.data() + sound->header().tails_offset + kTailsHeadBytes);
+  bytes[chunk + 100] ^= 1;
+  writeAll(folder.file("damaged.relievo"), bytes);
+  const auto damaged = *Package::open(folder.file("damaged.relievo"));
+  const PageId root(Plane::kRelief, {3, 0, 0, 0}), other(Plane::kRelief, {kTailsChunkPatches, 0, 0, 0});
+  const auto page = damaged->read(root);
+  ASSERT_FALSE(page.ok());
+  const std::string what = "the tails of patches 0 to 255 are damaged: their checksum does not match";
+  EXPECT_NE(page.error().text().find("page plane relief patch 3 level 0 x 0 y 0: " + what), std::string::npos)
+      << page.error().text();
+  EXPECT_TRUE(damaged->read(other)->bytes == sound->read(other)->bytes) << "of another chunk";
+  std::vector<std::string> said;
+  const PatchTails made = damaged->tails(2, &said);
+  EXPECT_EQ(made.failures.pages, kTailsChunkPatches);
+  ASSERT_FALSE(said.empty());
+  EXPECT_EQ(made.heights[kTailsChunkPatches * kTailHeights], tails.heights[kTailsChunkPatches * kTailHeights]);
+  const auto verified = verifyPackage(*damaged, {});
+  ASSERT_TRUE(verified.ok());
+  EXPECT_EQ(verified->damaged.size(), kTailsChunkPatches);
+  EXPECT_EQ(verified->other.size(), 1u);
 }
 
 }  // namespace patch_tails_test

@@ -91,7 +91,7 @@ Outcome verifyBlock(const Package& package, const PageSource& pages, PageDecoder
           out.problems.push_back(problemOf(page.error(), page.error().text(), id));
           continue;
         }
-        out.bytes += page->bytes.size();
+        out.bytes += page->storedBytes();
         if (auto decoded = decoder.decodeToSlot(plane(k), page->bytes, texels); !decoded) {
           out.problems.push_back(problemOf(decoded.error(),
                                            "page " + describePage(id) + " at byte " +

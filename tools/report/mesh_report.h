@@ -36,7 +36,7 @@ struct MeshBuildResult {
   Fidelity fidelity;            // its largest distances at places of the scan, in mm
   MeshDistance distance;
   std::vector<StageCost> stages;
-  uint64_t pages = 0, package_bytes = 0, relief_bytes = 0;  // the latter: relief pages of all levels and the base mesh
+  uint64_t pages = 0, package_bytes = 0, relief_bytes = 0;  // the latter: all heights, and the base mesh
   uint64_t triangles_read = 0, vertices = 0;
   // Texture nodes of full trees, and those without pages (BuildOptions::texture_tolerance).
   uint64_t texture_nodes = 0, texture_nodes_left_out = 0;
