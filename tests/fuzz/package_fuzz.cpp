@@ -14,6 +14,7 @@
 #include "tests/fuzz/fuzz_packages.h"
 #include "texturing/codec/page_codec.h"
 #include "texturing/package/base_code.h"
+#include "texturing/package/index_code.h"
 #include "texturing/package/package.h"
 #include "texturing/package/package_layout.h"
 
