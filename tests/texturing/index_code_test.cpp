@@ -2,6 +2,7 @@
 // says, by a reader of its own.
 #include "texturing/package/index_code.h"
 
+#include <algorithm>
 #include <array>
 #include <bit>
 #include <memory>
@@ -35,7 +36,8 @@ PatchDomain patchesOf(uint32_t count, int texture_depth, int relief_depth) {
   m.mm_per_px = 1;
   PatchDomain d = PatchDomain::overMesh(count, m);
   TextureDepths depths(count);
-  for (uint32_t p = 0; p < count; ++p) depths[p] = static_cast<int8_t>(static_cast<int>(p % 3) - 1);
+  for (uint32_t p = 0; p < count; ++p)
+    depths[p] = static_cast<int8_t>(std::min(static_cast<int>(p % 3) - 1, texture_depth));
   d.setTextureDepths(std::make_shared<const TextureDepths>(depths));
   return d;
 }

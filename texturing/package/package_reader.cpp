@@ -406,7 +406,10 @@ PatchTails Package::tails(int workers, std::vector<std::string>* problems, const
   std::mutex mutex;
   auto instead = [&](uint32_t first, uint32_t count, const Error& error) {
     std::lock_guard lock(mutex);
-    if (problems) problems->push_back(error.text() + " (made of the root pages)");
+    const bool over_tails = impl_->header.coded_index;  // what root pages lack of their heights is lost, too
+    if (problems)
+      problems->push_back(error.text() +
+                          (over_tails ? " (texels are made of the root pages)" : " (made of the root pages)"));
     tailsFromPages(*this, m.texture, true, first, count, 1, out, problems, stop);
   };
   auto chunks = impl_->tailsDirectory();
