@@ -582,6 +582,7 @@ Result<void> PageDecoder::decodeRelief(std::span<const uint8_t> encoded, std::sp
   }
   if (encoded[0] == kOverTail) {
     constexpr size_t kSamples = (1 << kTailCodeCellsLog2) + 1, kStep = kPagePx >> kTailCodeCellsLog2;
+    static_assert(2 * kSamples * kSamples == kTailHeightsBytes);
     const uint8_t* p = encoded.data() + 1;
     if (encoded.size() < 1 + kTailHeightsBytes) return damaged("an encoded page lacks the heights of its tail");
     for (size_t y = 0; y < kSamples; ++y)

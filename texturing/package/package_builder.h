@@ -43,8 +43,8 @@ struct BuildOptions {
   // Of packages with a coded base mesh: lossless pages may be stored within the texture_tolerance as a code
   // (texturing/codec/texel_code.h), too; else the package is one of version 7.
   bool coded_texels = true;
-  // Of packages with coded texels, and at most kMostCodedPages pages: the index is coded, too (index_code.h); else the
-  // package is one of version 8.
+  // Of packages with coded texels, and at most kMostCodedPages pages: the index is coded, too (index_code.h), and
+  // relief pages of level 0 are stored over their tails; else the package is one of version 8.
   bool coded_index = true;
   // Of packages with coded tails and a texture_tolerance: texels of tails are rounded within it to what takes fewer
   // bytes.
