@@ -384,6 +384,13 @@ class MeshBuild {
   Result<void> finishBake();
   // Another kind of base takes the place of a first one that is hopeless (first_base.h), if there is any.
   Result<void> replaceHopelessBase();
+  // Makes more patches everywhere, as long as there is such a base and a few lines over the last one show that it
+  // cannot be enough.
+  Result<void> growUntilInReach();
+  Result<bool> grow(BaseDomain::Growth growth = BaseDomain::Growth::kToLoseLess);
+  // Bakes a first base once more, with more patches, where its samples are many more than the scan's vertices and take
+  // several relief pages a patch: a page and its errors by block are then larger than a patch.
+  Result<void> bakeInSmallerPatches();
   // The next bake's base; false: there is none of this kind.
   Result<bool> use(BaseKind kind, Result<BaseMesh> base);
   Result<bool> useFaces(uint32_t max_patches);
@@ -392,7 +399,8 @@ class MeshBuild {
   Result<bool> nextBase(const Fidelity& now, BakeLimit limit, bool better);
   // Rounds heights to steps as large as the target allows. fidelity_ is then measured at all places.
   Result<void> chooseStep();
-  Result<void> bake();
+  // cells_log2: BakeOptions::cells_log2, without a fit; -1: all that the target needs.
+  Result<void> bake(int cells_log2 = -1);
   FidelityTarget target(double tolerance = 0) const;
   // Of the lattice that corners of base meshes are moved to before they are baked, in the scan's units: packages need
   // few bytes for them, and heights make up for it. Where patches are the scan's triangles, there are hardly any.
@@ -534,7 +542,7 @@ FidelityTarget MeshBuild::target(double tolerance) const {
   return tolerance > 0 ? FidelityTarget::within(tolerance) : FidelityTarget::of(diagonal);
 }
 
-Result<void> MeshBuild::bake() {
+Result<void> MeshBuild::bake(int cells_log2) {
   const TriMesh& scan = loaded_.mesh;
   const Image8& image = textured_.image;
   BakeOptions bake_options;
@@ -550,6 +558,8 @@ Result<void> MeshBuild::bake() {
   if (base_kind_ == BaseKind::kFaces) bake_options.touch_mm = kHalfOfCell * baseStep() + kRounding * diagonal;
   bake_options.workers = a_.package.workers;
   bake_options.errors = false;
+  bake_options.cells_log2 = cells_log2;
+  bake_options.fit = cells_log2 < 0;
   // Far off, most of a bake would go to a fit that hardly helps: not where patches of the scan's own triangles come
   // next, whatever it misses. Were it the best in the end, it would get its fit.
   constexpr double kFarOff = 16;
@@ -606,7 +616,9 @@ Result<void> MeshBuild::bakeUntilKept() {
   if (auto done = replaceHopelessBase(); !done) return done;
   BaseKind best_kind = base_kind_;
   for (;;) {
+    if (auto done = growUntilInReach(); !done) return done;
     if (auto done = bake(); !done) return done;
+    if (auto done = bakeInSmallerPatches(); !done) return done;
     auto found = stages_.run("bake", [&] { return measureRound(); });
     if (!found) return found.error();
     if (at_few_places_) {
@@ -663,6 +675,46 @@ Result<bool> MeshBuild::use(BaseKind kind, Result<BaseMesh> base) {
   return true;
 }
 
+Result<bool> MeshBuild::grow(BaseDomain::Growth growth) {
+  return use(BaseKind::kEven, stages_.run("base", [&] { return domain_->grow(growth); }));
+}
+
+Result<void> MeshBuild::growUntilInReach() {
+  // Of the target, with about two samples a vertex of the scan. Such heights miss by up to some three times what a
+  // bake of the same base does in the end, which takes ten times as long.
+  constexpr double kOutOfReach = 4, kSamplesPerVertex = 2, kMostSamples = 1 << 21;
+  constexpr int kLeastCellsLog2 = 4;
+  while (a_.patches == 0 && base_kind_ == BaseKind::kEven && !refined_ && domain_->mayGrow()) {
+    const double samples =
+        std::min(kSamplesPerVertex * static_cast<double>(loaded_.mesh.positions_mm.size()), kMostSamples);
+    const double per_patch = samples / static_cast<double>(base_.patches.size());
+    if (auto done = bake(std::max(kLeastCellsLog2, static_cast<int>(std::ceil(std::log2(per_patch) / 2)))); !done)
+      return done;
+    auto found = stages_.run("bake", [&] { return measureBake(*bake_, 0, Places::kFew); });
+    if (!found) return found.error();
+    if (found->excess() <= kOutOfReach) break;
+    auto grown = grow();
+    if (!grown) return grown.error();
+    if (!*grown) break;
+  }
+  return {};
+}
+
+Result<void> MeshBuild::bakeInSmallerPatches() {
+  constexpr double kManySamples = 8;  // a vertex
+  constexpr int kCellsOfPageLog2 = 7;
+  while (a_.patches == 0 && base_kind_ == BaseKind::kEven && !refined_ &&
+         bake_->report().cells_log2 > kCellsOfPageLog2 &&
+         static_cast<double>(bake_->report().samples) >
+             kManySamples * static_cast<double>(loaded_.mesh.positions_mm.size())) {
+    auto grown = grow(BaseDomain::Growth::kToBeFiner);
+    if (!grown) return grown.error();
+    if (!*grown) break;
+    if (auto done = bake(); !done) return done;
+  }
+  return {};
+}
+
 Result<bool> MeshBuild::useFaces(uint32_t max_patches) {
   return use(BaseKind::kFaces, stages_.run("base", [&] { return domain_->faces(max_patches); }));
 }
@@ -684,6 +736,10 @@ Result<bool> MeshBuild::nextBase(const Fidelity& now, BakeLimit limit, bool bett
   constexpr double kLargeMiss = 8;  // of the target's largest: sides at a quarter there, not at a half
   // Beyond it patches of even size would have to be too many. Near the target they make smaller packages.
   constexpr double kHopeless = SimplifiedRounds::kHopeless, kFarOff = SimplifiedRounds::kFarOff;
+  if (base_kind_ == BaseKind::kEven && !refined_ && domain_->mayGrow()) {
+    auto done = grow();
+    if (!done || *done) return done;
+  }
   const bool first = round_++ == 0;
   if (base_kind_ == BaseKind::kFaces) {
     // What lines miss of such a base where it touches the scan, and then what lines between samples miss.

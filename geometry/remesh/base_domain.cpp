@@ -44,10 +44,10 @@ Frame frameOf(const std::vector<glm::vec3>& points, const Triangles& triangles) 
   return {(glm::dvec3(lo) + glm::dvec3(hi)) / 2.0, glm::length(glm::dvec3(hi) - glm::dvec3(lo))};
 }
 
-// The share of the surface's area that may be lost in undercuts if the number of patches is free; by what factor more
-// patches must lower the cost; the sine of an angle that counts as flat; and the numbers of patches to try. More
-// patches than the last would pin too many pages.
-constexpr double kAcceptableLoss = 0.0015;
+// The share of the surface's area that may be lost in undercuts if the number of patches is free, and that may be when
+// a bake is to tell how much it is; by what factor more patches must lower the cost; the sine of an angle that counts
+// as flat; and the numbers of patches to try. More patches than the last would pin too many pages.
+constexpr double kAcceptableLoss = 0.0015, kWorthTrying = 0.02;
 constexpr double kMinGain = 0.75;
 constexpr double kFlatSine = 0.2;
 constexpr uint32_t kPatchCounts[] = {64, 160, 320, 560, 800};
@@ -297,40 +297,72 @@ std::vector<BorderLoop> bordersOf(const Surface& scan) {
   return borders;
 }
 
-// The best candidate over several numbers of patches; empty if there is none.
-Result<Candidate> bestCandidate(const BaseMeshBuilder& builder, const BaseDomainOptions& options,
-                                std::vector<float>& weight) {
-  // A given number is tried three times, with smaller patches where the surface was lost. A free one grows, too.
-  std::vector<uint32_t> patch_counts(3, options.patches);
-  if (options.patches == 0) patch_counts.assign(std::begin(kPatchCounts), std::end(kPatchCounts));
+// Candidates of several numbers of patches. A given number is tried three times, with smaller patches where the surface
+// was lost. A free one grows, too.
+class CandidateSeries {
+ public:
+  CandidateSeries() = default;
+  explicit CandidateSeries(uint32_t patches) : free_(patches == 0), counts_(3, patches) {
+    if (free_) counts_.assign(std::begin(kPatchCounts), std::end(kPatchCounts));
+  }
+  // The best of the next candidates, until one of a free number is worth trying; empty if none is clearly better than
+  // those before.
+  Result<Candidate> next(const BaseMeshBuilder& builder, const BaseDomainOptions& options, std::vector<float>& weight);
+  // The next candidate, which is to lose nothing to speak of; empty if there is none, or it does.
+  Result<Candidate> finer(const BaseMeshBuilder& builder, const BaseDomainOptions& options, std::vector<float>& weight);
+  bool over() const { return over_ || next_ == counts_.size(); }
+
+ private:
+  bool free_ = true;
+  std::vector<uint32_t> counts_;
+  size_t next_ = 0;
+  bool over_ = false;  // nothing of what is left would lose less
+  int rounds_without_gain_ = 0;
+  size_t last_ = 0;         // patches of the previous candidate
+  double least_cost_ = -1;  // of all candidates; -1: there are none
+};
+
+Result<Candidate> CandidateSeries::next(const BaseMeshBuilder& builder, const BaseDomainOptions& options,
+                                        std::vector<float>& weight) {
   Candidate best;
-  int rounds_without_gain = 0;
-  size_t last = 0;  // patches of the previous candidate
-  for (size_t i = 0; i < patch_counts.size(); ++i) {
+  while (!over()) {
     if (isSet(options.interrupted)) return interruptedError();
+    const size_t i = next_++;
     Candidate candidate = i == 0 ? builder.makeSheet(options.patches) : Candidate{};
     // A relief loses nothing: what the evaluation would report stems from its coarse cells.
     if (!candidate.empty() && isRelief(builder.view_direction)) {
       candidate.lost_area = 0;
+      over_ = true;
       return candidate;
     }
     // Small pieces need a minimum of patches: numbers below what the last candidate had bring nothing new.
-    if (options.patches == 0 && i > 0 && 5 * last > 6 * patch_counts[i]) continue;
-    if (candidate.empty()) candidate = builder.make(patch_counts[i], weight);
+    if (free_ && i > 0 && 5 * last_ > 6 * counts_[i]) continue;
+    if (candidate.empty()) candidate = builder.make(counts_[i], weight);
     if (isSet(options.interrupted)) return interruptedError();
-    report(options, 0.5 + 0.5 * static_cast<double>(i + 1) / static_cast<double>(patch_counts.size() + 1));
+    report(options, 0.5 + 0.5 * static_cast<double>(i + 1) / static_cast<double>(counts_.size() + 1));
     if (candidate.empty()) continue;
-    last = candidate.quads.n_faces();
+    last_ = candidate.quads.n_faces();
     builder.evaluate(candidate, weight, false);
-    const bool enough = candidate.cost() <= (options.patches ? kAcceptableLoss / 10 : kAcceptableLoss);
+    const double cost = candidate.cost();
     // More patches must lower the cost clearly: borders with steps, say, take ever more of them and never fit.
-    const double least_gain = options.patches || best.empty() ? 1 : kMinGain;
-    const bool gain = candidate.cost() < least_gain * best.cost();
-    if (gain) best = std::move(candidate);
-    rounds_without_gain = gain ? 0 : rounds_without_gain + 1;
-    if (enough || (options.patches == 0 && rounds_without_gain == 2)) break;
+    const bool gain = least_cost_ < 0 || cost < (free_ ? kMinGain : 1) * least_cost_;
+    if (gain) best = std::move(candidate), least_cost_ = cost;
+    rounds_without_gain_ = gain ? 0 : rounds_without_gain_ + 1;
+    over_ = cost <= (free_ ? kAcceptableLoss : kAcceptableLoss / 10) || (free_ && rounds_without_gain_ == 2);
+    if (free_ && gain && cost <= kWorthTrying) break;
   }
   return best;
+}
+
+Result<Candidate> CandidateSeries::finer(const BaseMeshBuilder& builder, const BaseDomainOptions& options,
+                                         std::vector<float>& weight) {
+  if (!free_ || next_ == counts_.size() || last_ == 0 || 5 * last_ > 6 * counts_[next_]) return Candidate{};
+  Candidate candidate = builder.make(counts_[next_++], weight);
+  if (isSet(options.interrupted)) return interruptedError();
+  if (candidate.empty()) return candidate;
+  last_ = candidate.quads.n_faces();
+  builder.evaluate(candidate, weight, false);
+  return candidate.cost() <= kAcceptableLoss ? std::move(candidate) : Candidate{};
 }
 
 BaseMesh baseMeshOf(const QuadMesh& quads, const Frame& frame) {
@@ -461,6 +493,7 @@ struct BaseDomain::Impl {
   std::vector<float> weight;        // for each vertex of the reduced surface
   std::vector<float> faces_weight;  // the same, of simplifiedFaces(); empty before its first call
   Candidate last;                   // the last base mesh
+  CandidateSeries series;           // of make() and grow()
 
   Result<BaseMesh> finish(Candidate candidate) {
     last = std::move(candidate);
@@ -526,11 +559,24 @@ Result<std::unique_ptr<BaseDomain>> BaseDomain::create(const TriMesh& mesh, cons
 Result<BaseMesh> BaseDomain::make() {
   Impl& d = *impl_;
   d.weight.clear();
-  auto best = bestCandidate(*d.builder, d.options, d.weight);
+  d.series = CandidateSeries(d.options.patches);
+  auto best = d.series.next(*d.builder, d.options, d.weight);
   if (!best) return best.error();
   auto base = d.finish(std::move(*best));
   if (base) report(d.options, 1);
   return base;
+}
+
+bool BaseDomain::mayGrow() const { return !impl_->series.over(); }
+
+Result<BaseMesh> BaseDomain::grow(Growth growth) {
+  Impl& d = *impl_;
+  auto next = growth == Growth::kToLoseLess ? d.series.next(*d.builder, d.options, d.weight)
+                                            : d.series.finer(*d.builder, d.options, d.weight);
+  if (!next) return next.error();
+  if (next->empty())
+    return Error{ErrorKind::kUsage, {}, "more patches would not lose less", "refine the last base", {}};
+  return d.finish(std::move(*next));
 }
 
 // For each vertex, the increase of the patch density around it: 16 halves the patches' sides.
@@ -702,7 +748,13 @@ Result<BaseMesh> BaseDomain::simplifiedFaces(std::span<const RefineRequest> requ
 Result<BaseMesh> makeBaseMesh(const TriMesh& mesh, const BaseDomainOptions& options) {
   auto domain = BaseDomain::create(mesh, options);
   if (!domain) return domain.error();
-  return (*domain)->make();
+  auto base = (*domain)->make();
+  while (base && (*domain)->mayGrow()) {
+    auto larger = (*domain)->grow();
+    if (!larger && larger.error().kind == ErrorKind::kUsage) break;
+    base = std::move(larger);
+  }
+  return base;
 }
 
 }  // namespace relievo

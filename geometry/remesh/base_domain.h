@@ -30,8 +30,8 @@ namespace relievo {
 
 struct BaseDomainOptions {
   // The approximate number of patches (within 30 %; more where the topology needs them). 0: grows from 64 (a four-sided
-  // sheet: from 1) to 800, until at most 0.15 % of the surface is out of reach of lines along the normals, or more
-  // patches do not help.
+  // sheet: from 1) to 800, until the base is worth trying: at most 2 % of the surface are out of reach of lines along
+  // the normals; or more patches do not help. grow() goes on from there, until at most 0.15 % are.
   uint32_t patches = 0;
   double mm_per_unit = 1;  // converts positions in error messages
   int workers = 0;         // 0: one for each core
@@ -54,6 +54,12 @@ class BaseDomain {
   ~BaseDomain();
   // The first base mesh. Errors: as makeBaseMesh().
   Result<BaseMesh> make();
+  // After make() or itself, before all others, and without a number of patches: a base mesh with more of them
+  // everywhere, or an error (kUsage) if there is none that loses less; kToBeFiner: that loses nothing to speak of.
+  enum class Growth : uint8_t { kToLoseLess, kToBeFiner };
+  Result<BaseMesh> grow(Growth growth = Growth::kToLoseLess);
+  // Whether grow() would try to lose less.
+  bool mayGrow() const;
   // After make(): a base mesh with smaller patches at the requests and equally large ones elsewhere, of about
   // max_patches at most.
   Result<BaseMesh> refine(std::span<const RefineRequest> requests, uint32_t max_patches);
@@ -77,6 +83,7 @@ class BaseDomain {
   std::unique_ptr<Impl> impl_;
 };
 
+// The last one that make() and grow() make.
 // Errors: kInvalidData names what TriMesh excludes (indices out of range, numbers that are not finite, three triangles
 // at an edge), pieces without area, and pieces with one side only (Moebius strips); kInterrupted.
 Result<BaseMesh> makeBaseMesh(const TriMesh& mesh, const BaseDomainOptions& options = {});

@@ -14,6 +14,7 @@
 #include "geometry/remesh/feature_curves.h"
 #include "geometry/scan/mesh_read.h"
 #include "tests/geometry/base_shapes.h"
+#include "tests/geometry/scan_shapes.h"
 #include "tests/shared_data.h"
 #include "tests/view_share.h"
 
@@ -525,6 +526,61 @@ TEST(BaseDomain, TellsHowManyPatchesRefiningTakes) {
   const auto refined = (*domain)->refine(few, 4096);
   ASSERT_TRUE(refined);
   EXPECT_NEAR(static_cast<double>(refined->patches.size()), foretold, 0.3 * foretold);
+}
+
+// make() stops at the first base that is worth a bake, grow() goes on to what makeBaseMesh() returns at once.
+TEST(BaseDomain, GrowsUntilNothingIsLost) {
+  const TriMesh scan = relievo::helmet(1);
+  auto domain = relievo::BaseDomain::create(scan);
+  ASSERT_TRUE(domain);
+  auto base = (*domain)->make();
+  ASSERT_TRUE(base);
+  EXPECT_LE((*domain)->lostArea(), 0.02);
+  EXPECT_LE(base->patches.size(), 400u);
+  int grown = 0;
+  while ((*domain)->mayGrow()) {
+    auto larger = (*domain)->grow();
+    if (!larger) {
+      EXPECT_EQ(larger.error().kind, ErrorKind::kUsage);
+      break;
+    }
+    EXPECT_GT(larger->patches.size(), base->patches.size());
+    base = std::move(larger);
+    ++grown;
+  }
+  EXPECT_GE(grown, 1);
+  EXPECT_FALSE((*domain)->mayGrow());
+  const BaseMesh whole = baseOf(scan);
+  EXPECT_EQ(base->patches, whole.patches);
+  EXPECT_TRUE(std::equal(
+      base->corners.begin(), base->corners.end(), whole.corners.begin(), whole.corners.end(),
+      [](const BaseCorner& a, const BaseCorner& b) { return a.position_mm == b.position_mm && a.normal == b.normal; }));
+}
+
+TEST(BaseDomain, FinerPatchesWhereNothingIsLost) {
+  using Growth = relievo::BaseDomain::Growth;
+  const TriMesh ball = ballMesh(24);
+  auto domain = relievo::BaseDomain::create(ball);
+  ASSERT_TRUE(domain);
+  auto base = (*domain)->make();
+  ASSERT_TRUE(base);
+  EXPECT_FALSE((*domain)->mayGrow());
+  EXPECT_FALSE((*domain)->grow().ok());
+  size_t patches = base->patches.size();
+  EXPECT_LE(patches, 100u);
+  for (int k = 0; k < 4; ++k) {  // to 800
+    const auto finer = (*domain)->grow(Growth::kToBeFiner);
+    ASSERT_TRUE(finer) << k;
+    EXPECT_GT(finer->patches.size(), patches * 5 / 4);
+    EXPECT_LE((*domain)->lostArea(), 0.0015);
+    patches = finer->patches.size();
+  }
+  EXPECT_FALSE((*domain)->grow(Growth::kToBeFiner).ok());
+  // A given number stays.
+  auto given = relievo::BaseDomain::create(ball, {.patches = 100});
+  ASSERT_TRUE(given && (*given)->make());
+  EXPECT_FALSE((*given)->mayGrow());
+  EXPECT_FALSE((*given)->grow(Growth::kToBeFiner).ok());
 }
 
 // Over a relief that one direction sees, every line along the normals meets the scan once, however steep its walls are.
