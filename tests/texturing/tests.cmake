@@ -5,6 +5,7 @@ relievo_test(page_cache_test MEMORY LIBS relievo_stream relievo_import SOURCES t
 relievo_test(subslot_cache_test MEMORY LIBS relievo_stream relievo_import SOURCES texturing/subslot_cache_test.cpp)
 relievo_test(relief_subslots_test MEMORY LIBS relievo_stream relievo_import SOURCES texturing/relief_subslots_test.cpp)
 relievo_test(relief_compact_test MEMORY LIBS relievo_stream relievo_import SOURCES texturing/relief_compact_test.cpp)
+relievo_test(relief_code_test OPTIMISED LIBS relievo_stream relievo_import SOURCES texturing/relief_code_test.cpp)
 relievo_test(cache_budget_test LIBS relievo_stream relievo_import SOURCES texturing/cache_budget_test.cpp)
 relievo_test(recent_use_test MEMORY LIBS relievo_stream relievo_import SOURCES texturing/recent_use_test.cpp)
 relievo_test(page_table_test MEMORY LIBS relievo_stream relievo_import SOURCES texturing/page_table_test.cpp)
