@@ -75,6 +75,20 @@ expect() {
     size = wanted < 0 ? -wanted : wanted; if (size < 1) size = 1
     exit !(found != "" && difference <= 1e-6 * size) }' || fail "$1 was expected to be $2 in $(cat view.json)"
 }
+# still: returns once the viewer has taken hardly any processor time for two seconds: it has nothing left to draw.
+ticks() { awk '{ print $14 + $15 }' "/proc/$viewer/stat"; }
+still() {
+  local before after quiet=0
+  before=$(ticks)
+  for _ in $(seq 120); do
+    sleep 0.5
+    after=$(ticks)
+    if [ $((after - before)) -le 5 ]; then quiet=$((quiet + 1)); else quiet=0; fi
+    [ "$quiet" -lt 4 ] || return 0
+    before=$after
+  done
+  fail "the viewer goes on drawing, for 60 s"
+}
 # In steps, as a hand would.
 drag() {  # button dx dy
   xdotool mousedown "$1"
@@ -185,7 +199,7 @@ cmp stone-0001.png kept.png || fail "a snapshot on a full disk took the place of
 
 # A camera that stands still is drawn exactly, where that is asked for.
 start --exact-still on --error-px 2 --azimuth 50
-sleep 2
+still
 snapshot stone-0003.png
 finish
 "$program" render stone.relievo --size 600x400 --geomorph on --error-px 2 --azimuth 50 --least-cell 0 -o exact.png
@@ -199,7 +213,7 @@ start --exact-still on --azimuth 50 \
   --lights '[{"position_mm":[-100,60,90],"color":[1,0.6,0.3]},{"towards":[-0.6,0,0.8],"intensity":0.5},{"towards":[0,-1,1],"intensity":0}]'
 xdotool mousemove 300 200
 drag 3 60 -40
-sleep 2
+still
 snapshot stone-0003.png
 finish
 expect light -0.3 0
@@ -216,10 +230,10 @@ start --exact-still on --hysteresis 0 --lights '[{"towards":[-0.6,0,0.8]},{"posi
 for key in h g n; do xdotool key "$key"; done
 xdotool mousemove 300 200
 drag 3 60 -40
-sleep 2
+still
 snapshot stone-0003.png
 xdotool key m
-sleep 2
+still
 snapshot stone-0004.png
 finish
 grep -q '"shadows": true' stone-0003.json || fail "H did not turn shadows on: $(cat stone-0003.json)"
@@ -245,7 +259,7 @@ artwork=two.json title=two.json
 start --exact-still on --hysteresis 0
 xdotool mousemove 300 200
 drag 1 40 30
-sleep 2
+still
 snapshot two-0001.png
 finish
 artwork=stone.relievo title=stone.relievo
@@ -266,7 +280,7 @@ END
 artwork=film.json
 start --exact-still on --hysteresis 0
 xdotool key space
-sleep 2
+still
 snapshot stone-0003.png
 finish
 artwork=stone.relievo
