@@ -28,6 +28,7 @@
 #include "geometry/mesh/mesh_order.h"
 #include "geometry/remesh/base_domain.h"
 #include "geometry/scan/mesh_read.h"
+#include "src/artwork/patch_domain.h"
 #include "src/base/file.h"
 #include "src/base/progress.h"
 #include "src/base/standard_output.h"
@@ -371,7 +372,7 @@ class MeshBuild {
   }
 
  private:
-  // By which function of BaseDomain's a base mesh was made: make() or refine(); faces(); simplifiedFaces().
+  // By which function of BaseDomain's a base mesh was made: make(), grow() or refine(); faces(); simplifiedFaces().
   enum class BaseKind : uint8_t { kEven, kFaces, kSimplified };
   Result<void> read();
   // What only the scan itself tells to be impossible.
@@ -388,6 +389,8 @@ class MeshBuild {
   // cannot be enough.
   Result<void> growUntilInReach();
   Result<bool> grow(BaseDomain::Growth growth = BaseDomain::Growth::kToLoseLess);
+  // The base mesh is BaseDomain::make()'s or grow()'s.
+  bool isFirstBase() const { return base_kind_ == BaseKind::kEven && !refined_; }
   // Bakes a first base once more, with more patches, where its samples are many more than the scan's vertices and take
   // several relief pages a patch: a page and its errors by block are then larger than a patch.
   Result<void> bakeInSmallerPatches();
@@ -446,7 +449,7 @@ class MeshBuild {
   bool finer_cells_ = false;      // than the target asks for
   Touching touching_of_faces_ = Touching::kFacing;
   bool best_is_known_ = false;  // what is baked is kept
-  bool refined_ = false;        // the base mesh is not the one that BaseDomain::make() made
+  bool refined_ = false;        // some base mesh was BaseDomain::refine()'s
   BaseKind base_kind_ = BaseKind::kEven;
   int round_ = 0, in_vain_ = 0;  // bakes of this kind of base, and how many of the last ones were no better
   SimplifiedRounds simplified_rounds_;
@@ -684,7 +687,7 @@ Result<void> MeshBuild::growUntilInReach() {
   // bake of the same base does in the end, which takes ten times as long.
   constexpr double kOutOfReach = 4, kSamplesPerVertex = 2, kMostSamples = 1 << 21;
   constexpr int kLeastCellsLog2 = 4;
-  while (a_.patches == 0 && base_kind_ == BaseKind::kEven && !refined_ && domain_->mayGrow()) {
+  while (isFirstBase() && domain_->mayGrow()) {
     const double samples =
         std::min(kSamplesPerVertex * static_cast<double>(loaded_.mesh.positions_mm.size()), kMostSamples);
     const double per_patch = samples / static_cast<double>(base_.patches.size());
@@ -702,9 +705,7 @@ Result<void> MeshBuild::growUntilInReach() {
 
 Result<void> MeshBuild::bakeInSmallerPatches() {
   constexpr double kManySamples = 8;  // a vertex
-  constexpr int kCellsOfPageLog2 = 7;
-  while (a_.patches == 0 && base_kind_ == BaseKind::kEven && !refined_ &&
-         bake_->report().cells_log2 > kCellsOfPageLog2 &&
+  while (isFirstBase() && bake_->report().cells_log2 > kPageCellsLog2 &&
          static_cast<double>(bake_->report().samples) >
              kManySamples * static_cast<double>(loaded_.mesh.positions_mm.size())) {
     auto grown = grow(BaseDomain::Growth::kToBeFiner);
@@ -736,7 +737,7 @@ Result<bool> MeshBuild::nextBase(const Fidelity& now, BakeLimit limit, bool bett
   constexpr double kLargeMiss = 8;  // of the target's largest: sides at a quarter there, not at a half
   // Beyond it patches of even size would have to be too many. Near the target they make smaller packages.
   constexpr double kHopeless = SimplifiedRounds::kHopeless, kFarOff = SimplifiedRounds::kFarOff;
-  if (base_kind_ == BaseKind::kEven && !refined_ && domain_->mayGrow()) {
+  if (isFirstBase() && domain_->mayGrow()) {
     auto done = grow();
     if (!done || *done) return done;
   }

@@ -318,8 +318,8 @@ class CandidateSeries {
   size_t next_ = 0;
   bool over_ = false;  // nothing of what is left would lose less
   int rounds_without_gain_ = 0;
-  size_t last_ = 0;         // patches of the previous candidate
-  double least_cost_ = -1;  // of all candidates; -1: there are none
+  size_t last_ = 0;  // patches of the previous candidate; 0: there is none, or a relief's grid
+  double least_cost_ = std::numeric_limits<double>::infinity();  // of all candidates
 };
 
 Result<Candidate> CandidateSeries::next(const BaseMeshBuilder& builder, const BaseDomainOptions& options,
@@ -345,7 +345,7 @@ Result<Candidate> CandidateSeries::next(const BaseMeshBuilder& builder, const Ba
     builder.evaluate(candidate, weight, false);
     const double cost = candidate.cost();
     // More patches must lower the cost clearly: borders with steps, say, take ever more of them and never fit.
-    const bool gain = least_cost_ < 0 || cost < (free_ ? kMinGain : 1) * least_cost_;
+    const bool gain = cost < (free_ ? kMinGain : 1) * least_cost_;
     if (gain) best = std::move(candidate), least_cost_ = cost;
     rounds_without_gain_ = gain ? 0 : rounds_without_gain_ + 1;
     over_ = cost <= (free_ ? kAcceptableLoss : kAcceptableLoss / 10) || (free_ && rounds_without_gain_ == 2);

@@ -72,8 +72,8 @@ class BaseDomain {
   // From the second call on there are smaller patches at its requests and at those of the calls before, and larger ones
   // elsewhere; those of the first call are not used, since they are of another base.
   Result<BaseMesh> simplifiedFaces(std::span<const RefineRequest> requests, uint32_t max_patches);
-  // Of the last base mesh that make() or refine() returned: its patches, and the share of the scan's area that lines
-  // along its normals do not reach, estimated coarsely (base_fit.h).
+  // Of the last base mesh that make(), grow() or refine() returned: its patches, and the share of the scan's area that
+  // lines along its normals do not reach, estimated coarsely (base_fit.h).
   size_t patches() const;
   double lostArea() const;
 

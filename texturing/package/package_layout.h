@@ -57,8 +57,8 @@ struct PackageHeader {
   // Version 8, one of version 7 whose texture pages may be hierarchical (texturing/codec/texel_code.h).
   bool coded_texels = false;
   // Version 9, one of version 8 whose index is coded (index_code.h), and whose relief pages of level 0 are stored over
-  // their tails (ReliefEncoding::kOverTail). index_bytes are then those that it takes in the
-  // file; IndexLayout tells places in what it stands for.
+  // their tails (ReliefEncoding::kOverTail). index_bytes are then those that it takes in the file; IndexLayout tells
+  // places in what it stands for.
   bool coded_index = false;
   uint32_t detailBytes() const {
     return relief_detail ? kReliefDetailBytes + (relief_shapes ? kReliefShapesBytes : 0) : 0;
