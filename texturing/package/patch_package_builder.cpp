@@ -81,16 +81,43 @@ struct Context {
   std::vector<std::array<uint64_t, 4>> side_hash;  // of the heights along a side, from the corner of the lower index on
   std::vector<std::array<uint16_t, 4>> corner_height;
   std::vector<uint8_t> corner_texels;  // by patch, level, corner and channel
+  std::vector<uint8_t> even;  // 1: the level's channel is its corner's texel everywhere, and not kept otherwise
   TextureDepths texture_depths;
   // The corners of patches that meet at corner c of the mesh: at[first[c]] .. at[first[c + 1]], as patch * 4 + corner.
   std::vector<uint32_t> first, at;
 
   // A patch's tail: heights, then texels.
   size_t tailBytes() const { return 2 * kTailHeights + static_cast<size_t>(store.channels) * kTailPatchTexels; }
+  size_t levelPlace(uint32_t patch, int level) const {
+    const auto level_count = static_cast<size_t>(store.depth - kTail + 1);
+    return (patch * level_count + static_cast<size_t>(level - kTail)) * static_cast<size_t>(store.channels);
+  }
   size_t cornerPlace(uint32_t patch, int level, size_t corner) const {
-    const auto level_count = static_cast<size_t>(store.depth - kTail + 1),
-               channels = static_cast<size_t>(store.channels);
-    return ((patch * level_count + static_cast<size_t>(level - kTail)) * 4 + corner) * channels;
+    return 4 * levelPlace(patch, level) + corner * static_cast<size_t>(store.channels);
+  }
+  // What was kept of a patch's level at that place, channel after channel.
+  Result<void> readKept(const SpillStore& from, uint64_t place, uint32_t patch, int level,
+                        std::span<uint8_t> out) const {
+    const auto channels = static_cast<size_t>(store.channels);
+    const size_t plane = out.size() / channels;
+    for (size_t c = 0; c < channels; ++c)
+      if (even[levelPlace(patch, level) + c])
+        std::memset(out.data() + c * plane, corner_texels[cornerPlace(patch, level, 0) + c], plane);
+    return forKept(patch, level, [&](size_t begin, size_t end) {
+      return from.read(place + begin * plane, out.data() + begin * plane, (end - begin) * plane);
+    });
+  }
+  // Calls use(begin, end) for runs of a level's channels that are kept.
+  template <class Use>
+  Result<void> forKept(uint32_t patch, int level, Use&& use) const {
+    const uint8_t* is_even = even.data() + levelPlace(patch, level);
+    const auto channels = static_cast<size_t>(store.channels);
+    for (size_t begin = 0, end = 0; begin < channels; begin = end + 1) {
+      for (end = begin; end < channels && !is_even[end];) ++end;
+      if (end > begin)
+        if (auto used = use(begin, end); !used) return used;
+    }
+    return {};
   }
 };
 
@@ -389,7 +416,7 @@ class TexelKeeper {
   Result<void> keepExactTail(uint32_t patch) {
     texels_.resize(static_cast<size_t>(c_.store.channels) * kPagePx * kPagePx);
     const uint64_t place = patch * c_.store.levelBytes() + c_.store.levelOffset(0);
-    if (auto read = c_.levels->read(place, texels_.data(), texels_.size()); !read) return read;
+    if (auto read = c_.readKept(*c_.levels, place, patch, 0, texels_); !read) return read;
     return keepTail(patch);
   }
   Result<void> keepRoundedTail(uint32_t patch, std::span<const uint8_t> tail) {
@@ -400,11 +427,16 @@ class TexelKeeper {
  private:
   Result<void> keepLevel(uint32_t patch, int level, std::span<const uint8_t> texels) {
     const PatchStore& store = c_.store;
-    const uint64_t place = patch * store.levelBytes() + store.levelOffset(level);
-    if (auto kept = c_.levels->write(place, texels.data(), texels.size()); !kept) return kept;
-    if (auto kept = keepGutters(patch, level, texels); !kept) return kept;
+    const auto channels = static_cast<size_t>(store.channels);
+    const size_t plane = texels.size() / channels;
+    for (size_t c = 0; c < channels; ++c)
+      c_.even[c_.levelPlace(patch, level) + c] = isEven(texels.subspan(c * plane, plane));
     keepCorners(patch, level, texels);
-    return {};
+    const uint64_t place = patch * store.levelBytes() + store.levelOffset(level);
+    auto kept = c_.forKept(patch, level, [&](size_t begin, size_t end) {
+      return c_.levels->write(place + begin * plane, texels.data() + begin * plane, (end - begin) * plane);
+    });
+    return kept ? keepGutters(patch, level, texels) : kept;
   }
 
   Result<void> keepTail(uint32_t patch) {
@@ -444,10 +476,12 @@ class TexelKeeper {
           }
         }
       }
-      if (auto kept = c_.strips->write(patch * c_.store.guttersBytes() + c_.store.gutterOffset(level, s), strip_.data(),
-                                       strip_.size());
-          !kept)
-        return kept;
+      const uint64_t place = patch * c_.store.guttersBytes() + c_.store.gutterOffset(level, s);
+      const size_t plane = strip_.size() / static_cast<size_t>(c_.store.channels);
+      auto kept = c_.forKept(patch, level, [&](size_t begin, size_t end) {
+        return c_.strips->write(place + begin * plane, strip_.data() + begin * plane, (end - begin) * plane);
+      });
+      if (!kept) return kept;
     }
     return {};
   }
@@ -531,7 +565,7 @@ class LevelReader {
     bordered_.resize(channels * plane);
     inside_.resize(channels * side_ * side_);
     if (auto read =
-            c_.levels->read(patch * store.levelBytes() + store.levelOffset(level), inside_.data(), inside_.size());
+            c_.readKept(*c_.levels, patch * store.levelBytes() + store.levelOffset(level), patch, level, inside_);
         !read)
       return read;
     for (size_t c = 0; c < channels; ++c)
@@ -544,10 +578,8 @@ class LevelReader {
     for (int s = 0; s < 4; ++s) {
       const PatchNeighbour& n = c_.neighbours[patch][static_cast<size_t>(s)];
       if (n.patch == PatchNeighbour::kNone) continue;
-      if (auto read = c_.strips->read(n.patch * store.guttersBytes() + store.gutterOffset(level, n.side), strip_.data(),
-                                      strip_.size());
-          !read)
-        return read;
+      const uint64_t place = n.patch * store.guttersBytes() + store.gutterOffset(level, n.side);
+      if (auto read = c_.readKept(*c_.strips, place, n.patch, level, strip_); !read) return read;
       const bool upright = s == kLeft || s == kRight;
       // Texel i of the nearest row of our side, and of the neighbour's strip.
       auto ownTexel = [&](size_t i) {
@@ -840,6 +872,7 @@ void makeRoom(Context& context) {
   context.side_hash.resize(patches);
   context.corner_height.resize(patches);
   context.corner_texels.resize(context.cornerPlace(patches, kTail, 0));
+  context.even.resize(context.levelPlace(patches, kTail));
   context.texture_depths.resize(patches);
 }
 
@@ -896,21 +929,22 @@ class TailRounding {
 
   Result<void> run() {
     if (auto done = roundAll(); !done) return done;
-    constexpr int kRounds = 4;
-    for (int round = 0;; ++round) {
+    std::vector<uint8_t> changed(rounded_.size(), 1);
+    // What is taken back stays so: this ends.
+    for (;;) {
       std::vector<uint8_t> beyond(rounded_.size(), 0);
       auto found = forEachPatch(
           c_, options_, workers_, [&] { return DepthFinder(c_, options_.texture_tolerance); },
           [&](DepthFinder& finder, uint32_t patch) -> Result<void> {
-            if (!standsForAll(patch) || !showsRounded(patch)) return {};
+            if (!standsForAll(patch) || !anyAround(patch, changed) || !anyAround(patch, rounded_)) return {};
             auto shows = finder.showsAllFiner(patch, kTail);
             if (!shows) return shows.error();
-            beyond[patch] = round == kRounds || !*shows;
+            beyond[patch] = !*shows;
             return {};
           },
           [](size_t) {});
       if (!found || std::find(beyond.begin(), beyond.end(), 1) == beyond.end()) return found;
-      if (auto done = takeBack(beyond); !done) return done;
+      if (auto done = takeBack(beyond, changed); !done) return done;
     }
   }
 
@@ -922,9 +956,9 @@ class TailRounding {
     for (const uint32_t corner : c_.source.base().patches[patch])
       for (uint32_t i = c_.first[corner]; i < c_.first[corner + 1]; ++i) f(c_.at[i] / 4);
   }
-  bool showsRounded(uint32_t patch) const {
+  bool anyAround(uint32_t patch, const std::vector<uint8_t>& of_patches) const {
     bool any = false;
-    around(patch, [&](uint32_t p) { any |= rounded_[p] != 0; });
+    around(patch, [&](uint32_t p) { any |= of_patches[p] != 0; });
     return any;
   }
 
@@ -959,13 +993,17 @@ class TailRounding {
     return {};
   }
 
-  Result<void> takeBack(const std::vector<uint8_t>& beyond) {
+  // changed: the patches whose tails are no longer rounded.
+  Result<void> takeBack(const std::vector<uint8_t>& beyond, std::vector<uint8_t>& changed) {
     TexelKeeper keeper(c_);
+    changed.assign(beyond.size(), 0);
     for (uint32_t patch = 0; patch < beyond.size(); ++patch) {
       Result<void> done;
       if (beyond[patch])
         around(patch, [&](uint32_t p) {
-          if (done.ok() && std::exchange(rounded_[p], uint8_t{0})) done = keeper.keepExactTail(p);
+          if (!done || !std::exchange(rounded_[p], uint8_t{0})) return;
+          changed[p] = 1;
+          done = keeper.keepExactTail(p);
         });
       if (!done) return done;
     }

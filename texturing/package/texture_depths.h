@@ -26,6 +26,9 @@ inline constexpr double kRmsTolerance = 0.5;
 
 std::vector<ChannelTolerance> channelTolerances(const TextureFormat& format, double tolerance);
 
+// Are all texels of a channel the same, as colours are of a scan that has none?
+bool isEven(std::span<const uint8_t> texels);
+
 // A patch's level with what lies around it, channel after channel, rows of v from 0.
 struct BorderedLevel {
   std::span<const uint8_t> texels;  // channels * stride()^2
