@@ -146,11 +146,14 @@ class NoisyPatches : public PatchSource {
     return e;
   }
   mutable std::atomic<int> texel_calls{0};
+  bool partly_even = false;  // half of the patches' channels are the same everywhere
 
  private:
   static double waveAlong(uint32_t patch, int x) { return 80 * std::sin(0.05 * x + patch); }
   static double waveAcross(int c, int y) { return std::cos(0.04 * y + c); }
   uint8_t texel(uint32_t patch, int c, int x, int y, double wave) const {
+    if (const uint64_t even = hash(patch, static_cast<uint64_t>(c), 9, 9); partly_even && even % 2)
+      return static_cast<uint8_t>(even >> 8);
     const uint64_t h = hash(patch, static_cast<uint64_t>(c), static_cast<uint64_t>(x), static_cast<uint64_t>(y));
     return static_cast<uint8_t>(std::clamp(128 + static_cast<int>(wave) + static_cast<int>(h % 61) - 30, 0, 255));
   }

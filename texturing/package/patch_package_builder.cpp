@@ -3,7 +3,8 @@
 //
 //   heights   asks the source for the patch's heights and their errors: the base mesh's section stands before the pages
 //   texels    asks the source for the patch's texels; keeps them, of all levels and of the tail, as bytes, and of each
-//             level and side the 4 rows of texels that the neighbour's pages have as their border
+//             level and side the 4 rows of texels that the neighbour's pages have as their border; but for channels
+//             that are the same everywhere, of which one texel is kept
 //   depths    looks for texture levels that show nothing which coarser ones do not (texture_depths.h). The base mesh's
 //             section says which levels there are, and the index, before the pages, has entries for these only
 //   relief    asks the source for the patch's heights again and writes its relief pages, which need no other patch
