@@ -96,6 +96,12 @@ class ObjReader {
     if (!mesh_.float_colours.empty()) mesh_.float_colours.resize(mesh_.positions.size(), glm::vec3(1));
     if (cutter_.dropped() > 0)
       mesh_.findings.push_back({"faces of fewer than three corners", cutter_.dropped(), {}, "dropped"});
+    // Some programs leave out all texture coordinates, but not what names them.
+    if (corners_without_uv_ > 0)
+      mesh_.findings.push_back({"corners that name texture coordinates, of which the file has none",
+                                corners_without_uv_,
+                                {},
+                                "read without"});
     chooseImage();
     useColours();
     noteColoursLost();
@@ -147,7 +153,13 @@ class ObjReader {
     }
   }
 
+  std::string noSuchTextureVertex(int64_t index) const {
+    return "face " + std::to_string(faces_) + " (line " + std::to_string(in_.lineNumber()) +
+           ") names texture coordinates " + std::to_string(index) + ", there are " + std::to_string(uv_.size()) +
+           " before it (from 1)";
+  }
   void textureVertex(std::string_view text) {
+    if (!first_without_uv_.empty()) return in_.note(first_without_uv_);
     glm::vec2 uv(0);
     std::string_view u = nextItem(text), v = nextItem(text);
     double x = 0, y = 0;
@@ -191,12 +203,16 @@ class ObjReader {
       glm::vec2 uv(0);
       if (std::string_view t = part(); !t.empty()) {
         if (!parseNumber(t, index)) return bad("a corner of a face", item);
-        if (!resolve(index, uv_.size(), vt) || vt >= uv_.size())
-          return in_.note("face " + std::to_string(faces_) + " (line " + std::to_string(in_.lineNumber()) +
-                          ") names texture coordinates " + std::to_string(index) + ", there are " +
-                          std::to_string(uv_.size()) + " before it (from 1)");
-        uv = uv_[vt];
-        has_uv = true;
+        const bool possible = resolve(index, uv_.size(), vt);
+        if (possible && uv_.empty()) {
+          if (first_without_uv_.empty()) first_without_uv_ = noSuchTextureVertex(index);
+          ++corners_without_uv_;
+        } else if (!possible || vt >= uv_.size()) {
+          return in_.note(noSuchTextureVertex(index));
+        } else {
+          uv = uv_[vt];
+          has_uv = true;
+        }
       }
       corner_uv_.push_back(uv);
     }
@@ -369,6 +385,8 @@ class ObjReader {
   uint64_t unread_libraries_ = 0;
   uint64_t* use_ = nullptr;
   uint64_t faces_ = 0, highest_ = 0, highest_face_ = 0;
+  uint64_t corners_without_uv_ = 0;  // that name some, before any
+  std::string first_without_uv_;     // what is wrong with the first of them, if there are some after all
   std::string joined_;
 };
 

@@ -219,6 +219,18 @@ const MeshFinding* finding(const LoadedMesh& m, const std::string& what) {
   return nullptr;
 }
 
+// Programs that leave out texture coordinates may leave in what names them: the scan is read without.
+TEST(MeshFormats, ObjFacesMayNameTextureCoordinatesWhereThereAreNone) {
+  const std::string points = "v 0 0 0\nv 1 0 0\nv 0 1 0\nv 1 1 1\n";
+  LoadedMesh m = mustRead(saveFile("a.obj", points + "f 1/1/1 2/2/2 3/3/3\nf 2/2 4/4 3\n"));
+  EXPECT_EQ(m.mesh.triangles.size(), 2u);
+  EXPECT_TRUE(m.mesh.corner_uv.empty());
+  const MeshFinding* f = finding(m, "of which the file has none");
+  ASSERT_TRUE(f) << defects(m.diagnosis);
+  EXPECT_EQ(f->count, 5u);
+  EXPECT_FALSE(finding(mustRead(saveFile("a.obj", points + "f 1 2 3\nf 2 4 3\n")), "of which")) << "control";
+}
+
 // Without an image, each triangle has its material's Kd: a texel of a row of them.
 TEST(MeshFormats, ObjMaterialsColourTheirTriangles) {
   saveFile("kd.mtl", "newmtl red\nKd 1 0 0\nnewmtl plain\nnewmtl blue\nKd 0 0.2 1.5\nnewmtl not\nKd 0 nan 0\n");
@@ -615,8 +627,10 @@ TEST(MeshRefusals, SayWhatIsWrongAndWhere) {
                 "face 2 names vertex 9, there are 3");
   expectRefused(saveFile("a.obj", "v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 -4\n"), invalid, "face 1 (line 4) names vertex -4");
   expectRefused(saveFile("a.obj", "v 0 0 0\nv 1 0 0\nv 0 1 0\nf 0 2 3\n"), invalid, "face 1 (line 4) names vertex 0");
-  expectRefused(saveFile("a.obj", "v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1/1 2/1 3/1\n"), invalid,
-                "names texture coordinates 1");
+  for (const char* with_uv :
+       {"f 1/1 2/1 3/1\nvt 0 0\n", "vt 0 0\nf 1/1 2/1 3/2\n", "f 1/-1 2/-1 3/-1\n", "f 1/0 2/0 3/0\n"})
+    expectRefused(saveFile("a.obj", std::string("v 0 0 0\nv 1 0 0\nv 0 1 0\n") + with_uv), invalid,
+                  "names texture coordinates");
   expectRefused(saveFile("a.off", "OFF\n3 1 0\n0 0 0\n1 0 0\n0 1 0\n3 0 1 5\n"), invalid, "face 0 names vertex 5");
   expectRefused(saveFile("a.ply", head + "0 0 0\n1 0 0\n0 one 0\n3 0 1 2\n"), invalid, "\"one\" in line 12");
   expectRefused(saveFile("a.ply", head + "0 0 0\n1 0 0\n"), invalid, "bytes left in the file");
