@@ -396,10 +396,11 @@ class MeshBuild {
   Result<void> bakeInSmallerPatches();
   // The next bake's base; false: there is none of this kind.
   Result<bool> use(BaseKind kind, Result<BaseMesh> base);
-  Result<bool> useFaces(uint32_t max_patches);
+  Result<bool> useFaces(uint32_t max_patches, Folds folds = Folds::kAny);
   Result<bool> useSimplified(std::span<const RefineRequest> requests);
   // Chooses the base of the next bake, after one that missed; false: what there is is kept.
   Result<bool> nextBase(const Fidelity& now, BakeLimit limit, bool better);
+  Result<bool> nextFaces();
   // Rounds heights to steps as large as the target allows. fidelity_ is then measured at all places.
   Result<void> chooseStep();
   // cells_log2: BakeOptions::cells_log2, without a fit; -1: all that the target needs.
@@ -447,6 +448,7 @@ class MeshBuild {
   uint64_t ray_bytes_ = 0;        // that the hierarchies of the scan's rays may take
   double kept_tolerance_mm_ = 0;  // the least that is kept after a miss; 0: none was found
   bool finer_cells_ = false;      // than the target asks for
+  int faces_missed_ = 0;          // bakes of the scan's own triangles
   Touching touching_of_faces_ = Touching::kFacing;
   bool best_is_known_ = false;  // what is baked is kept
   bool refined_ = false;        // some base mesh was BaseDomain::refine()'s
@@ -716,8 +718,8 @@ Result<void> MeshBuild::bakeInSmallerPatches() {
   return {};
 }
 
-Result<bool> MeshBuild::useFaces(uint32_t max_patches) {
-  return use(BaseKind::kFaces, stages_.run("base", [&] { return domain_->faces(max_patches); }));
+Result<bool> MeshBuild::useFaces(uint32_t max_patches, Folds folds) {
+  return use(BaseKind::kFaces, stages_.run("base", [&] { return domain_->faces(max_patches, folds); }));
 }
 
 Result<bool> MeshBuild::useSimplified(std::span<const RefineRequest> requests) {
@@ -742,11 +744,7 @@ Result<bool> MeshBuild::nextBase(const Fidelity& now, BakeLimit limit, bool bett
     if (!done || *done) return done;
   }
   const bool first = round_++ == 0;
-  if (base_kind_ == BaseKind::kFaces) {
-    // What lines miss of such a base where it touches the scan, and then what lines between samples miss.
-    if (std::exchange(touching_of_faces_, Touching::kAlways) == Touching::kFacing) return true;
-    return !std::exchange(finer_cells_, true);
-  }
+  if (base_kind_ == BaseKind::kFaces) return nextFaces();
   if (first && base_kind_ == BaseKind::kEven) {
     // Few triangles may be patches themselves: these show the scan as it is.
     auto done = useFaces(kMostPatches);
@@ -758,12 +756,9 @@ Result<bool> MeshBuild::nextBase(const Fidelity& now, BakeLimit limit, bool bett
       requests.push_back({m.position_mm, m.distance_mm > kLargeMiss * now.target.max_mm ? 64.0f : 16.0f});
   };
   if (base_kind_ == BaseKind::kSimplified) {
-    using OwnTriangles = SimplifiedRounds::OwnTriangles;
-    const size_t triangles = loaded_.mesh.triangles.size(), few = 6 * size_t{kMostPatches};
-    const auto own = triangles <= few                      ? OwnTriangles::kFew
-                     : triangles <= 2 * size_t{kMostFaces} ? OwnTriangles::kMany
-                                                           : OwnTriangles::kTooMany;
-    const auto next = simplified_rounds_.after({now.excess(), fidelity_.excess(), better, fidelity_.kept()}, own);
+    const bool own_triangles = loaded_.mesh.triangles.size() <= 2 * size_t{kMostFaces};
+    const auto next =
+        simplified_rounds_.after({now.excess(), fidelity_.excess(), better, fidelity_.kept()}, own_triangles);
     if (next == SimplifiedRounds::Next::kEnd) return false;
     if (next == SimplifiedRounds::Next::kSameBase) {
       missed_first_ = now.violations;
@@ -791,10 +786,28 @@ Result<bool> MeshBuild::nextBase(const Fidelity& now, BakeLimit limit, bool bett
       if (!done || *done) return done;
     }
     requests.clear();  // of another base
+    auto done = useFaces(kFewFaces);
+    if (!done || *done) return done;
   }
   auto done = useSimplified(requests);
   if (!done || *done || fidelity_.excess() <= kFarOff) return done;
   return useFaces(kMostFaces);
+}
+
+Result<bool> MeshBuild::nextFaces() {
+  switch (faces_missed_++) {
+    case 0:  // what lines miss where such a base touches the scan
+      touching_of_faces_ = Touching::kAlways;
+      return true;
+    case 1:  // what lines between samples miss
+      finer_cells_ = true;
+      return true;
+    case 2:  // what heights miss of triangles that fold
+      finer_cells_ = false;
+      return useFaces(kMostFaces, Folds::kSlight);
+    case 3: return useFaces(kMostFaces, Folds::kNone);
+    default: return false;
+  }
 }
 
 Result<void> MeshBuild::chooseStep() {

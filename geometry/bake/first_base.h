@@ -10,9 +10,10 @@
 
 namespace relievo {
 
-// More patches take ever more: three pages and some 4 to 20 KiB each, and as many root pages that stay resident. A
-// scan's own triangles show what nothing else does, and are worth more of them.
-inline constexpr uint32_t kMostPatches = 4096, kMostFaces = 65'536;
+// More patches take ever more: a few hundred bytes each in a package, and 4 KiB that stay resident. A scan's own
+// triangles show what nothing else does, and are worth more of them: kFewFaces of them take fewer bytes than
+// kMostPatches of a simplified scan, since their heights are 0 and hardly any has pages of texture.
+inline constexpr uint32_t kMostPatches = 4096, kFewFaces = 12'288, kMostFaces = 65'536;
 
 // Of a first base (BaseDomain::make()): a bake takes long and misses.
 // - So many holes or pieces that they take more than twice the patches there may be: these are large where the shape
@@ -26,12 +27,12 @@ constexpr bool isHopeless(size_t first_patches, double lost_area, double of_defa
   return first_patches > 2 * size_t{kMostPatches} || lost_area > kMostLost * std::max(of_default, 1.0);
 }
 
-// Tries the bases that may take its place, those of the fewest patches first, until there is one: false if there is
+// Tries the bases that may take its place, those of the fewest bytes first, until there is one: false if there is
 // none. faces(max_patches): of the scan's own triangles (BaseDomain::faces()); simplified(): of simplified ones
 // (simplifiedFaces()). Each answers whether there is such a base, or with an error, which is handed on.
 template <class Faces, class Simplified>
 Result<bool> replaceFirstBase(Faces faces, Simplified simplified) {
-  Result<bool> replaced = faces(kMostPatches);
+  Result<bool> replaced = faces(kFewFaces);
   if (replaced && !*replaced) replaced = simplified();
   if (replaced && !*replaced) replaced = faces(kMostFaces);
   return replaced;

@@ -4,6 +4,7 @@
 #include <array>
 #include <cmath>
 #include <numeric>
+#include <span>
 #include <tuple>
 #include <vector>
 
@@ -191,11 +192,14 @@ class FacePairs {
 
 }  // namespace
 
-BaseMesh facesBase(const Surface& surface, uint32_t max_patches) {
+BaseMesh facesBase(const Surface& surface, uint32_t max_patches, Folds folds) {
   if (surface.triangles.size() > 2 * size_t{max_patches}) return {};
+  constexpr double kLarge[] = {20, 45, 80}, kSlight[] = {5}, kFlat[] = {0.01};
+  const std::span<const double> tried = folds == Folds::kAny      ? std::span<const double>(kLarge)
+                                        : folds == Folds::kSlight ? std::span<const double>(kSlight)
+                                                                  : std::span<const double>(kFlat);
   FacePairs pairs(surface);
-  // The less a pair folds, the nearer it is to its two triangles without heights.
-  for (const double degrees : {20.0, 45.0, 80.0})
+  for (const double degrees : tried)
     if (pairs.pair(degrees * kDegree) && pairs.patches() <= max_patches) return pairs.base();
   return {};
 }

@@ -127,10 +127,20 @@ double areaOf(const TriMesh& m) {
   return area;
 }
 
-BaseMesh facesOf(const TriMesh& mesh, uint32_t max_patches = 4096) {
+BaseMesh facesOf(const TriMesh& mesh, uint32_t max_patches = 4096, Folds folds = Folds::kAny) {
   auto surface = makeSurface(mesh.positions_mm, mesh.triangles);
   EXPECT_TRUE(surface.ok());
-  return surface.ok() ? facesBase(*surface, max_patches) : BaseMesh{};
+  return surface.ok() ? facesBase(*surface, max_patches, folds) : BaseMesh{};
+}
+// The largest angle between the two triangles of a patch.
+double largestFold(const BaseMesh& base) {
+  double largest = 0;
+  for (const auto& p : base.patches) {
+    auto at = [&](size_t k) { return glm::dvec3(base.corners[p[k]].position_mm); };
+    const glm::dvec3 a = glm::cross(at(2) - at(0), at(3) - at(0)), b = glm::cross(at(3) - at(0), at(1) - at(0));
+    largest = std::max(largest, std::atan2(glm::length(glm::cross(a, b)), glm::dot(a, b)));
+  }
+  return largest * 180 / std::numbers::pi;
 }
 
 // A prism over an arrowhead: the two triangles of a cap are no convex quad.
@@ -237,6 +247,27 @@ TEST(BaseFaces, NoMoreThanAskedFor) {
   ASSERT_TRUE(base.ok());
   EXPECT_EQ(base->patches.size(), free);
   EXPECT_EQ(*base, *(*domain)->faces(4096));
+}
+
+TEST(BaseFaces, PairsFoldNoMoreThanAskedFor) {
+  const TriMesh ball = ballMesh(8);
+  const BaseMesh any = facesOf(ball), slight = facesOf(ball, 4096, Folds::kSlight),
+                 none = facesOf(ball, 4096, Folds::kNone);
+  EXPECT_GT(largestFold(any), 6) << "control";
+  EXPECT_LE(largestFold(any), 20);
+  EXPECT_LE(largestFold(slight), 5);
+  EXPECT_LT(largestFold(none), 0.02);
+  for (const BaseMesh& base : {slight, none}) {
+    EXPECT_GT(base.patches.size(), any.patches.size());
+    const Cover c = coverOf(base, ball);
+    EXPECT_EQ(c.farther, 0u);
+    EXPECT_EQ(c.odd_sides, 0u);
+    EXPECT_EQ(c.missing, 0u);
+    EXPECT_NEAR(c.area, areaOf(ball), 1e-5 * areaOf(ball));
+  }
+  // Without folds the patches are the scan everywhere.
+  for (uint32_t p = 0; p < none.patches.size(); ++p) EXPECT_TRUE(liesOn(ball, none.point(p, 0.37, 0.61))) << p;
+  EXPECT_TRUE(facesOf(ball, static_cast<uint32_t>(none.patches.size() - 1), Folds::kNone).patches.empty());
 }
 
 double distanceTo(const BaseMesh& base, const glm::dvec3& p) {

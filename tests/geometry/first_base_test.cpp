@@ -1,4 +1,4 @@
-// What takes the place of a first base that can only miss: what has the fewest, if there is any.
+// What takes the place of a first base that can only miss: what takes the fewest bytes, if there is any.
 #include "geometry/bake/first_base.h"
 
 #include <gtest/gtest.h>
@@ -47,22 +47,22 @@ Tried tried(uint32_t own_triangles_take, const Result<bool>& simplified) {
   return out;
 }
 
-TEST(FirstBase, IsReplacedByWhatHasTheFewestPatches) {
+TEST(FirstBase, IsReplacedByWhatTakesTheFewestBytes) {
   auto expectTried = [](const Tried& out, const std::vector<uint32_t>& bases, bool replaced) {
     EXPECT_EQ(out.bases, bases);
     ASSERT_TRUE(out.replaced.ok());
     EXPECT_EQ(*out.replaced, replaced);
   };
-  expectTried(tried(4096, true), {4096}, true);
-  expectTried(tried(4097, true), {4096, 0}, true);
-  expectTried(tried(65'536, false), {4096, 0, 65'536}, true);
+  expectTried(tried(12'288, true), {12'288}, true);
+  expectTried(tried(12'289, true), {12'288, 0}, true);
+  expectTried(tried(65'536, false), {12'288, 0, 65'536}, true);
   // Control: where nothing can take its place, it stays.
-  expectTried(tried(65'537, false), {4096, 0, 65'536}, false);
+  expectTried(tried(65'537, false), {12'288, 0, 65'536}, false);
 }
 
 TEST(FirstBase, ErrorsEndTheSearch) {
-  const Tried out = tried(5000, Error{ErrorKind::kInterrupted, "", "interrupted", "", {}});
-  EXPECT_EQ(out.bases, (std::vector<uint32_t>{4096, 0}));
+  const Tried out = tried(15'000, Error{ErrorKind::kInterrupted, "", "interrupted", "", {}});
+  EXPECT_EQ(out.bases, (std::vector<uint32_t>{12'288, 0}));
   ASSERT_FALSE(out.replaced.ok());
   EXPECT_EQ(out.replaced.error().kind, ErrorKind::kInterrupted);
 }
