@@ -805,8 +805,10 @@ Result<bool> MeshBuild::nextFaces() {
     case 2:  // what heights miss of triangles that fold
       finer_cells_ = false;
       return useFaces(kMostFaces, Folds::kSlight);
-    case 3: return useFaces(kMostFaces, Folds::kNone);
-    default: return false;
+    case 3:
+      return useFaces(kMostFaces, Folds::kNone);
+    default:
+      return false;
   }
 }
 

@@ -274,6 +274,47 @@ TEST_F(MeshCli, AScanOfFewTrianglesIsShownExactly) {
   EXPECT_EQ(bytesOf(file("a.relievo")), bytesOf(file("b.relievo")));
 }
 
+// Twenty gear wheels, of which patches of even size show nothing: their own triangles are patches, and take a tenth of
+// the bytes of simplified ones.
+TEST_F(MeshCli, FewTrianglesComeBeforeSimplifiedOnes) {
+  if (relievo::test::kSanitized) GTEST_SKIP() << "about figures; others build scans under the sanitizer";
+  Ball gears;
+  for (int i = 0; i < 20; ++i) {
+    const Ball gear = gearWheel();
+    const int first = static_cast<int>(gears.points.size());
+    for (const auto& p : gear.points) gears.points.push_back({p[0] + 110 * (i % 5), p[1] + 110 * (i / 5), p[2] + i});
+    for (const auto& t : gear.triangles) gears.triangles.push_back({first + t[0], first + t[1], first + t[2]});
+  }
+  write("gears.ply", plyOf(gears, false));
+  const Outcome r =
+      relievo("build --mesh " + file("gears.ply") + " -o " + file("a.relievo") + " --json " + file("r.json"));
+  EXPECT_EQ(r.exit_code, 0) << r.output;
+  const Json report = parsed(bytesOf(file("r.json")));
+  EXPECT_GT(report["mesh"]["patches"].get<int>(), 4096);
+  EXPECT_LT(report["distance"]["scan_to_patches"]["max_of_diagonal"].get<double>(), 1e-5);
+  EXPECT_LT(std::filesystem::file_size(file("a.relievo")), 1u << 20);
+}
+
+// A roof that folds by 18 degrees, and a floor between its ridge and what is straight between its eaves: lines from
+// there would show the floor in the ridge's place.
+TEST_F(MeshCli, TrianglesThatFoldAreTakenApartWhereHeightsMiss) {
+  if (relievo::test::kSanitized) GTEST_SKIP() << "about figures; others build scans under the sanitizer";
+  const double ridge = 7.92, floor = 0.75 * ridge;
+  Ball roof;
+  roof.points = {{0, 0, ridge}, {100, 100, ridge}, {100, 0, 0}, {0, 100, 0}};
+  for (const auto& [x, y] : {std::array{20, 20}, {80, 20}, {80, 80}, {20, 80}})
+    roof.points.push_back({static_cast<double>(x), static_cast<double>(y), floor});
+  roof.triangles = {{0, 2, 1}, {0, 1, 3}, {4, 5, 6}, {4, 6, 7}};
+  write("roof.ply", plyOf(roof, false));
+  const Outcome r =
+      relievo("build --mesh " + file("roof.ply") + " -o " + file("a.relievo") + " --json " + file("r.json"));
+  EXPECT_EQ(r.exit_code, 0) << r.output;
+  const Json report = parsed(bytesOf(file("r.json")));
+  EXPECT_EQ(report["mesh"]["patches"], 3);
+  for (const char* way : {"scan_to_patches", "patches_to_scan"})
+    EXPECT_LT(report["distance"][way]["max_of_diagonal"].get<double>(), 1e-5) << way;
+}
+
 // The unit changes coordinates and nothing else.
 TEST_F(MeshCli, UnitsLeaveThePatchesAsTheyAre) {
   if (relievo::test::kSanitized) GTEST_SKIP() << "about figures; others build scans under the sanitizer";
