@@ -13,7 +13,7 @@ namespace relievo {
 namespace {
 
 constexpr uint64_t kMaxTexels = uint64_t{64} << 20;
-constexpr int kTexelChannels = 6;
+constexpr int kTexelChannels = 6, kFirstOfNormal = 3;
 constexpr uint8_t kGrey = 200;
 using ColourNormal = std::array<float, kTexelChannels>;  // colour, 0 to 255, then the normal's x, y, z
 
@@ -271,13 +271,13 @@ inline void interpolateCells(const float* samples, size_t cells, size_t run, flo
   }
 }
 
-// Interpolates row y of the texels into values, one array for each channel. above, below: the rows of samples around
-// it. row_samples: scratch memory for a row of samples, and one of their channels.
+// Interpolates row y of the texels into values, one array for each channel from `first` on. above, below: the rows of
+// samples around it. row_samples: scratch memory for a row of samples, and one of their channels.
 RELIEVO_SIMD_CLONES void interpolateRow(const SampleGrid& grid, const float* above, const float* below, size_t y,
-                                        float* row_samples, float* values) noexcept {
+                                        size_t first, float* row_samples, float* values) noexcept {
   const auto [side, per_texel, cells, row] = grid;
   if (per_texel) {
-    for (size_t k = 0; k < kTexelChannels; ++k)
+    for (size_t k = first; k < kTexelChannels; ++k)
       for (size_t x = 0; x < side; ++x) values[k * side + x] = above[x * kTexelChannels + k];
     return;
   }
@@ -285,7 +285,7 @@ RELIEVO_SIMD_CLONES void interpolateRow(const SampleGrid& grid, const float* abo
   const float fy = (static_cast<float>(y % run) + 0.5f) / static_cast<float>(run);
   float *mixed = row_samples, *m = row_samples + row * kTexelChannels;
   for (size_t i = 0; i < row * kTexelChannels; ++i) mixed[i] = above[i] * (1 - fy) + below[i] * fy;
-  for (size_t k = 0; k < kTexelChannels; ++k) {
+  for (size_t k = first; k < kTexelChannels; ++k) {
     for (size_t x = 0; x < row; ++x) m[x] = mixed[x * kTexelChannels + k];
     float* v = values + k * side;
     if (run == 2) interpolateCells<2>(m, cells, run, v);
@@ -299,8 +299,8 @@ inline uint8_t byteOf(float value) {
   return static_cast<uint8_t>(static_cast<int>(std::min(std::max(value + 0.5f, 0.0f), 255.0f)));
 }
 
-// Writes row y as bytes, with normals scaled to length 1.
-RELIEVO_SIMD_CLONES void quantiseRow(size_t side, size_t y, float* values, uint8_t* out) noexcept {
+// Writes row y as bytes, channels from `first` on, with normals scaled to length 1.
+RELIEVO_SIMD_CLONES void quantiseRow(size_t side, size_t y, size_t first, float* values, uint8_t* out) noexcept {
   const size_t plane = side * side;
   float *nx = values + 3 * side, *ny = nx + side, *nz = ny + side;
 #pragma GCC ivdep
@@ -312,7 +312,7 @@ RELIEVO_SIMD_CLONES void quantiseRow(size_t side, size_t y, float* values, uint8
     ny[x] = ny[x] * scale + 127.5f;
     nz[x] = nz[x] * scale + 127.5f;
   }
-  for (size_t k = 0; k < kTexelChannels; ++k) {
+  for (size_t k = first; k < kTexelChannels; ++k) {
     const float* v = values + k * side;
     uint8_t* to = out + k * plane + y * side;
 #pragma GCC ivdep
@@ -423,6 +423,9 @@ bool bakeTexels(const BakeContext& context, const BakedHeights& baked, const Bak
   const SampleGrid grid(texture);
   std::vector<float> row_samples(grid.row * (kTexelChannels + 1)), values(grid.side * kTexelChannels);
   const PatchLines lines(context, baked, deviation_mm, patch);
+  const bool coloured = !texture.image.empty() || !context.mesh->colours.empty();
+  const size_t first = coloured ? 0 : kFirstOfNormal;
+  std::fill_n(out.begin(), first * grid.side * grid.side, kGrey);
   // Interpolation blurs a crease, or a border of colours, over a cell.
   const bool sharpen = !grid.per_texel && (context.normals->hasCreases() || texture.palette);
   size_t y = 0, sharpened = 0;  // rows of texels, of cells
@@ -430,9 +433,9 @@ bool bakeTexels(const BakeContext& context, const BakedHeights& baked, const Bak
   const bool sampled = baker.sampleSurface(lines, grid, [&](const SampleBand& samples) {
     for (; y < grid.side && lastSampleRow(grid, y) < samples.end(); ++y) {
       const size_t above = grid.per_texel ? y : y / (grid.side / grid.cells);
-      interpolateRow(grid, samples.row(above)->data(), samples.row(grid.per_texel ? y : above + 1)->data(), y,
+      interpolateRow(grid, samples.row(above)->data(), samples.row(grid.per_texel ? y : above + 1)->data(), y, first,
                      row_samples.data(), values.data());
-      quantiseRow(grid.side, y, values.data(), out.data());
+      quantiseRow(grid.side, y, first, values.data(), out.data());
     }
     if (!sharpen) return;
     whole = whole && baker.sharpenCells(lines, grid, samples, sharpened, samples.end() - 1, out);
