@@ -18,6 +18,7 @@
 #include <optional>
 #include <utility>
 
+#include "geometry/bake/corner_normals.h"
 #include "geometry/bake/fidelity.h"
 #include "geometry/bake/first_base.h"
 #include "geometry/bake/line_rasteriser.h"
@@ -397,6 +398,7 @@ class MeshBuild {
   // The next bake's base; false: there is none of this kind.
   Result<bool> use(BaseKind kind, Result<BaseMesh> base);
   Result<bool> useFaces(uint32_t max_patches, Folds folds = Folds::kAny);
+  double creased();  // the share of the scan's triangles beside a crease
   Result<bool> useSimplified(std::span<const RefineRequest> requests);
   // Chooses the base of the next bake, after one that missed; false: what there is is kept.
   Result<bool> nextBase(const Fidelity& now, BakeLimit limit, bool better);
@@ -718,6 +720,12 @@ Result<void> MeshBuild::bakeInSmallerPatches() {
   return {};
 }
 
+double MeshBuild::creased() {
+  const Result<BakeScene>& scene = bake_scene_->get();
+  if (!scene) return 0;
+  return static_cast<double>(scene->normals->split.size()) / static_cast<double>(loaded_.mesh.triangles.size());
+}
+
 Result<bool> MeshBuild::useFaces(uint32_t max_patches, Folds folds) {
   return use(BaseKind::kFaces, stages_.run("base", [&] { return domain_->faces(max_patches, folds); }));
 }
@@ -730,8 +738,9 @@ Result<bool> MeshBuild::useSimplified(std::span<const RefineRequest> requests) {
 Result<void> MeshBuild::replaceHopelessBase() {
   const double of_default = target().p99_9_mm / FidelityTarget::of(diagonalOf(loaded_.mesh)).p99_9_mm;
   if (a_.patches > 0 || !isHopeless(base_.patches.size(), domain_->lostArea(), of_default)) return {};
-  const Result<bool> replaced =
-      replaceFirstBase([&](uint32_t max_patches) { return useFaces(max_patches); }, [&] { return useSimplified({}); });
+  const Result<bool> replaced = replaceFirstBase(
+      mostFacesFirst(creased()), [&](uint32_t max_patches) { return useFaces(max_patches); },
+      [&] { return useSimplified({}); });
   return replaced ? Result<void>() : replaced.error();
 }
 
@@ -756,9 +765,12 @@ Result<bool> MeshBuild::nextBase(const Fidelity& now, BakeLimit limit, bool bett
       requests.push_back({m.position_mm, m.distance_mm > kLargeMiss * now.target.max_mm ? 64.0f : 16.0f});
   };
   if (base_kind_ == BaseKind::kSimplified) {
-    const bool own_triangles = loaded_.mesh.triangles.size() <= 2 * size_t{kMostFaces};
-    const auto next =
-        simplified_rounds_.after({now.excess(), fidelity_.excess(), better, fidelity_.kept()}, own_triangles);
+    using OwnTriangles = SimplifiedRounds::OwnTriangles;
+    const size_t triangles = loaded_.mesh.triangles.size();
+    const auto own = triangles <= 2 * size_t{kFewFaces}    ? OwnTriangles::kFew
+                     : triangles <= 2 * size_t{kMostFaces} ? OwnTriangles::kMany
+                                                           : OwnTriangles::kTooMany;
+    const auto next = simplified_rounds_.after({now.excess(), fidelity_.excess(), better, fidelity_.kept()}, own);
     if (next == SimplifiedRounds::Next::kEnd) return false;
     if (next == SimplifiedRounds::Next::kSameBase) {
       missed_first_ = now.violations;
@@ -786,7 +798,7 @@ Result<bool> MeshBuild::nextBase(const Fidelity& now, BakeLimit limit, bool bett
       if (!done || *done) return done;
     }
     requests.clear();  // of another base
-    auto done = useFaces(kFewFaces);
+    auto done = useFaces(mostFacesFirst(creased()));
     if (!done || *done) return done;
   }
   auto done = useSimplified(requests);

@@ -11,9 +11,17 @@
 namespace relievo {
 
 // More patches take ever more: a few hundred bytes each in a package, and 4 KiB that stay resident. A scan's own
-// triangles show what nothing else does, and are worth more of them: kFewFaces of them take fewer bytes than
-// kMostPatches of a simplified scan, since their heights are 0 and hardly any has pages of texture.
+// triangles show what nothing else does, and are worth more of them.
 inline constexpr uint32_t kMostPatches = 4096, kFewFaces = 12'288, kMostFaces = 65'536;
+
+// So many patches of the scan's own triangles come before simplified ones. creased: the share of triangles beside a
+// crease. Where they are most, as of machines' parts, kFewFaces take fewer bytes than kMostPatches of simplified ones
+// (of nine public scans a quarter to nine tenths; elsewhere up to twice as many), since a crease across a patch takes
+// pages of normals.
+constexpr uint32_t mostFacesFirst(double creased) {
+  constexpr double kMostlyCreased = 0.5;
+  return creased >= kMostlyCreased ? kFewFaces : kMostPatches;
+}
 
 // Of a first base (BaseDomain::make()): a bake takes long and misses.
 // - So many holes or pieces that they take more than twice the patches there may be: these are large where the shape
@@ -28,11 +36,12 @@ constexpr bool isHopeless(size_t first_patches, double lost_area, double of_defa
 }
 
 // Tries the bases that may take its place, those of the fewest bytes first, until there is one: false if there is
-// none. faces(max_patches): of the scan's own triangles (BaseDomain::faces()); simplified(): of simplified ones
-// (simplifiedFaces()). Each answers whether there is such a base, or with an error, which is handed on.
+// none. faces(max_patches): of the scan's own triangles (BaseDomain::faces()), first at most most_faces_first of them;
+// simplified(): of simplified ones (simplifiedFaces()). Each answers whether there is such a base, or with an error,
+// which is handed on.
 template <class Faces, class Simplified>
-Result<bool> replaceFirstBase(Faces faces, Simplified simplified) {
-  Result<bool> replaced = faces(kFewFaces);
+Result<bool> replaceFirstBase(uint32_t most_faces_first, Faces faces, Simplified simplified) {
+  Result<bool> replaced = faces(most_faces_first);
   if (replaced && !*replaced) replaced = simplified();
   if (replaced && !*replaced) replaced = faces(kMostFaces);
   return replaced;

@@ -27,10 +27,12 @@ class SimplifiedRounds {
   };
   // kSameBase: the same base once more, in the other way.
   enum class Next : uint8_t { kAgain, kSameBase, kOwnTriangles, kEnd };
+  // Whether the scan's own triangles may be patches. Few of them take hardly more bytes than simplified ones.
+  enum class OwnTriangles : uint8_t { kTooMany, kMany, kFew };
   // The first base is baked in both ways, unless the first one is hopeless; all others in the better one. Which one
-  // that is depends on the scan, and much: the other one may miss by ten times as much. own_triangles: the scan's own
-  // triangles may be patches.
-  Next after(Bake bake, bool own_triangles) {
+  // that is depends on the scan, and much: the other one may miss by ten times as much.
+  Next after(Bake bake, OwnTriangles own) {
+    const bool own_triangles = own != OwnTriangles::kTooMany;
     first_was_better_ = false;
     if (ways_ == 0 && bake.own <= kHopeless) {
       ways_ = 1;
@@ -50,7 +52,8 @@ class SimplifiedRounds {
     const int times = !bake.kept && bake.least < kNearly ? 2 : 1, rounds = times * kRounds;
     // What the last two rounds gained, as often again as rounds are left.
     const double gained = bake.least / least_before_[1], left = std::max(rounds - round_ + 1, 0) / 2.0;
-    const bool in_sight = round_ < 3 || bake.least * std::pow(gained, left) <= kFarOff;
+    const bool in_sight = own == OwnTriangles::kFew ? round_ < 3 && bake.least <= kFarOff
+                                                    : round_ < 3 || bake.least * std::pow(gained, left) <= kFarOff;
     least_before_ = {bake.least, least_before_[0]};
     over_ = round_ > rounds || in_vain_ >= times * kInVain || bake.own > kHopeless;
     if (over_) return !bake.kept && own_triangles ? Next::kOwnTriangles : Next::kEnd;

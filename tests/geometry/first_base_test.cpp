@@ -33,9 +33,10 @@ struct Tried {
   Result<bool> replaced = false;
 };
 // Own triangles fit into so many patches; simplified ones: whether there is such a base, or an error.
-Tried tried(uint32_t own_triangles_take, const Result<bool>& simplified) {
+Tried tried(uint32_t own_triangles_take, const Result<bool>& simplified, uint32_t most_faces_first = 4096) {
   Tried out;
   out.replaced = replaceFirstBase(
+      most_faces_first,
       [&](uint32_t max_patches) -> Result<bool> {
         out.bases.push_back(max_patches);
         return own_triangles_take <= max_patches;
@@ -53,16 +54,24 @@ TEST(FirstBase, IsReplacedByWhatTakesTheFewestBytes) {
     ASSERT_TRUE(out.replaced.ok());
     EXPECT_EQ(*out.replaced, replaced);
   };
-  expectTried(tried(12'288, true), {12'288}, true);
-  expectTried(tried(12'289, true), {12'288, 0}, true);
-  expectTried(tried(65'536, false), {12'288, 0, 65'536}, true);
+  expectTried(tried(4096, true), {4096}, true);
+  expectTried(tried(4097, true), {4096, 0}, true);
+  expectTried(tried(4097, true, 12'288), {12'288}, true);
+  expectTried(tried(65'536, false), {4096, 0, 65'536}, true);
   // Control: where nothing can take its place, it stays.
-  expectTried(tried(65'537, false), {12'288, 0, 65'536}, false);
+  expectTried(tried(65'537, false), {4096, 0, 65'536}, false);
+}
+
+TEST(FirstBase, MoreOwnTrianglesComeFirstWhereMostLieBesideCreases) {
+  EXPECT_EQ(mostFacesFirst(0), 4096u);
+  EXPECT_EQ(mostFacesFirst(0.49), 4096u);
+  EXPECT_EQ(mostFacesFirst(0.5), 12'288u);
+  EXPECT_EQ(mostFacesFirst(1), 12'288u);
 }
 
 TEST(FirstBase, ErrorsEndTheSearch) {
-  const Tried out = tried(15'000, Error{ErrorKind::kInterrupted, "", "interrupted", "", {}});
-  EXPECT_EQ(out.bases, (std::vector<uint32_t>{12'288, 0}));
+  const Tried out = tried(5000, Error{ErrorKind::kInterrupted, "", "interrupted", "", {}});
+  EXPECT_EQ(out.bases, (std::vector<uint32_t>{4096, 0}));
   ASSERT_FALSE(out.replaced.ok());
   EXPECT_EQ(out.replaced.error().kind, ErrorKind::kInterrupted);
 }
