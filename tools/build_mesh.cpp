@@ -1,19 +1,11 @@
 #include "tools/build_mesh.h"
 
 #include <malloc.h>
-#include <sys/mman.h>
-#include <unistd.h>
 
 #include <algorithm>
-#include <array>
-#include <bit>
-#include <cerrno>
 #include <chrono>
 #include <cmath>
 #include <cstdio>
-#include <cstring>
-#include <functional>
-#include <limits>
 #include <memory>
 #include <optional>
 #include <utility>
@@ -34,84 +26,18 @@
 #include "src/base/progress.h"
 #include "src/base/standard_output.h"
 #include "src/base/worker_threads.h"
-#include "texturing/import/image_io.h"
-#include "texturing/import/ptm.h"
 #include "texturing/package/file_provenance.h"
 #include "texturing/package/package.h"
 #include "texturing/package/package_layout.h"
-#include "texturing/package/patch_source.h"
+#include "tools/baked_patches.h"
 #include "tools/build_run.h"
 #include "tools/commands.h"
 #include "tools/output_files.h"
 #include "tools/report/mesh_report.h"
+#include "tools/scan_surface.h"
 
 namespace relievo {
 namespace {
-
-// A bake in the scan's units as the package has it, in mm.
-class BakedPatches final : public PatchSource {
- public:
-  // step: of the lattice of the base's corners, in the scan's units.
-  BakedPatches(const MeshBake& bake, double step, double mm_per_unit, double slight_mm, std::vector<Provenance> sources,
-               const TextureFormat& format)
-      : bake_(bake),
-        mm_(mm_per_unit),
-        step_mm_(step * mm_per_unit),
-        slight_mm_(slight_mm),
-        base_(bake.base()),
-        sources_(std::move(sources)),
-        format_(format) {
-    base_.origin_mm *= mm_;
-    for (BaseCorner& c : base_.corners)
-      for (int axis = 0; axis < 3; ++axis) c.position_mm[axis] = onStep(c.position_mm[axis], step, step_mm_);
-  }
-  const BaseMesh& base() const override { return base_; }
-  double baseStepMm() const override { return step_mm_; }
-  int textureDepth() const override { return bake_.textureDepth(); }
-  int reliefDepth() const override { return bake_.reliefDepth(); }
-  TextureFormat format() const override { return format_; }
-  double reliefOffsetMm() const override { return bake_.reliefOffsetMm() * mm_; }
-  double reliefScaleMm() const override { return bake_.reliefScaleMm() * mm_; }
-  double errorUnitMm() const override { return bake_.errorUnitMm() * mm_ * (mm_ == 1 ? 1 : 1 + 1e-6); }
-  double slightErrorMm() const override { return slight_mm_; }
-  std::vector<Provenance> provenance() const override { return sources_; }
-  Result<void> texels(uint32_t patch, std::span<uint8_t> out) const override { return bake_.texels(patch, out); }
-  Result<void> heights(uint32_t patch, std::span<uint16_t> out) const override { return bake_.heights(patch, out); }
-  Result<void> errors(uint32_t patch, int level, std::span<float> out_mm) const override {
-    scaled(bake_.errorsOfGrid(patch, std::countr_zero(unsigned{kPagePx}) + level).mm, out_mm);
-    return {};
-  }
-  Result<CoarseErrors> coarseErrors(uint32_t patch) const override {
-    CoarseErrors out;
-    for (size_t k = 0; k < out.size(); ++k) out[k] = scaled(bake_.errorOfGrid(patch, static_cast<int>(k)));
-    return out;
-  }
-  Result<bool> coarseBlocks(uint32_t patch, int cells_log2, std::span<float> out_mm) const override {
-    scaled(bake_.errorsOfGrid(patch, cells_log2).mm, out_mm);
-    return true;
-  }
-  bool errorShapes(uint32_t patch, int cells_log2, std::span<DeviationShape> out) const override {
-    const std::vector<DeviationShape>& shapes = bake_.errorsOfGrid(patch, cells_log2).shapes;
-    std::copy(shapes.begin(), shapes.end(), out.begin());
-    return true;
-  }
-
- private:
-  // Upper bounds stay so, whatever is rounded on the way, the corners' places included.
-  float scaled(float error) const {
-    if (mm_ == 1 || error == 0) return error;
-    return static_cast<float>(double{error} * mm_ * (1 + 3e-7));
-  }
-  void scaled(const std::vector<float>& from, std::span<float> out_mm) const {
-    for (size_t i = 0; i < from.size(); ++i) out_mm[i] = scaled(from[i]);
-  }
-
-  const MeshBake& bake_;
-  double mm_, step_mm_, slight_mm_;
-  BaseMesh base_;
-  std::vector<Provenance> sources_;
-  TextureFormat format_;
-};
 
 // The resident size, and its largest since the last call of restart(); Linux.
 struct Memory {
@@ -172,152 +98,6 @@ class Stages {
   std::vector<StageCost> costs;
 };
 
-// Of its own, not those that name materials' colours.
-bool hasTextureCoordinates(const TriMesh& mesh) { return !mesh.corner_uv.empty() && mesh.palette.empty(); }
-
-// An image that lies inside the mesh's file, decoded by the reader of image files: from a file in memory, without a
-// name in any folder.
-Result<Image8> readInnerImage(const MeshBuildArguments& a, const std::vector<uint8_t>& bytes) {
-  const std::string name = a.mesh + ", the image in it";
-  const int fd = ::memfd_create("relievo-image", MFD_CLOEXEC);
-  if (fd < 0)
-    return Error{ErrorKind::kIo, name, "cannot be kept in memory: " + std::string(std::strerror(errno)), "", {}};
-  const std::string path = "/proc/self/fd/" + std::to_string(fd);
-  size_t written = 0;
-  while (written < bytes.size()) {
-    const ssize_t n = ::write(fd, bytes.data() + written, bytes.size() - written);
-    if (n < 0 && errno == EINTR) continue;
-    if (n <= 0) break;
-    written += static_cast<size_t>(n);
-  }
-  auto image = written == bytes.size()
-                   ? readImage8(path, a.images)
-                   : Result<Image8>(Error{ErrorKind::kIo, name, "cannot be kept in memory", "free some memory", {}});
-  ::close(fd);
-  if (image.ok()) return image;
-  Error error = image.error();
-  error.file = name;
-  if (const size_t at = error.message.find(path); at != std::string::npos) error.message.replace(at, path.size(), "it");
-  return error;
-}
-
-// The image that the scan's texture coordinates belong to, as three channels.
-Result<Image8> readTexture(const MeshBuildArguments& a, const TriMesh& mesh) {
-  if (a.texture == "none") return Image8{};
-  if (!a.texture.empty() && !hasTextureCoordinates(mesh))
-    return Error{ErrorKind::kUsage,
-                 a.mesh,
-                 "--texture needs texture coordinates, found none in the mesh",
-                 "leave --texture out: colours of vertices or materials are used",
-                 {}};
-  const std::string path = a.texture.empty() ? mesh.texture_path : a.texture;
-  if (path.empty() && !mesh.palette.empty()) {
-    const size_t columns = std::min(mesh.palette.size(), kPaletteColumns), rows = mesh.palette.size() / columns;
-    Image8 colours{static_cast<int>(columns), static_cast<int>(rows), 3, {}};
-    for (const glm::u8vec3& c : mesh.palette) colours.pixels.insert(colours.pixels.end(), {c.r, c.g, c.b});
-    return colours;
-  }
-  const bool inner = path.empty() && !mesh.texture_bytes.empty();
-  if ((path.empty() && !inner) || mesh.corner_uv.empty()) return Image8{};
-  if (!inner && a.texture.empty() && !a.allow_outside)
-    if (auto beside = checkBesideMesh(a.mesh, path, "the image"); !beside) return beside.error();
-  auto image = inner ? readInnerImage(a, mesh.texture_bytes) : readImage8(path, a.images);
-  if (!image) {
-    Error error = image.error();
-    if (a.texture.empty())
-      error.hint = "the mesh shows it; --texture FILE names another, --texture none builds without";
-    return error;
-  }
-  if (image->channels == 2 || image->channels == 4) warn(alphaWarning(inner ? a.mesh : path));
-  if (image->channels == 3) return image;
-  Image8 rgb{image->width, image->height, 3, {}};
-  const size_t channels = static_cast<size_t>(image->channels), pixels = image->pixels.size() / channels;
-  rgb.pixels.resize(pixels * 3);
-  for (size_t i = 0; i < pixels; ++i)
-    for (size_t c = 0; c < 3; ++c) rgb.pixels[3 * i + c] = image->pixels[i * channels + (channels >= 3 ? c : 0)];
-  return rgb;
-}
-
-// What lies on the patches: a PTM's planes, channels interleaved, or an image's colours; and what they mean.
-struct Surface {
-  Image8 image;
-  TextureFormat format{.basis = Basis::kAlbedoNormal};
-  std::optional<Provenance> source;
-};
-
-// The coordinates belong to the image that the mesh names: a PTM of other proportions was taken otherwise.
-Result<void> checkProportions(const MeshBuildArguments& a, const TriMesh& mesh, int64_t width, int64_t height) {
-  if (a.texture == "none" || mesh.texture_path.empty()) return {};
-  if (!a.allow_outside)
-    if (auto beside = checkBesideMesh(a.mesh, mesh.texture_path, "the image"); !beside) return beside;
-  ImageReadOptions as_stored = a.images;
-  as_stored.orient = false;
-  auto named = openColourImage(mesh.texture_path, as_stored);
-  if (!named) return {};
-  const double ratio = static_cast<double>(width) / static_cast<double>(height) *
-                       static_cast<double>((*named)->height()) / static_cast<double>((*named)->width());
-  if (ratio > 0.99 && ratio < 1.01) return {};
-  auto size = [](int64_t w, int64_t h) { return std::to_string(w) + " x " + std::to_string(h); };
-  return Error{ErrorKind::kInvalidData,
-               a.ptm,
-               "expected the proportions of the mesh's image " + mesh.texture_path + ", " +
-                   size((*named)->width(), (*named)->height()) + ", found " + size(width, height),
-               "--texture none: the texture coordinates are the PTM's all the same",
-               {}};
-}
-
-Result<Surface> readPtmPlanes(const MeshBuildArguments& a, const TriMesh& mesh) {
-  if (!hasTextureCoordinates(mesh))
-    return Error{ErrorKind::kUsage,
-                 a.mesh,
-                 "--ptm needs texture coordinates, found none in the mesh",
-                 "export the mesh with texture coordinates for the PTM's pixels, or leave --ptm out",
-                 {}};
-  auto opened = openPtm(a.ptm, {.memory_budget_bytes = a.package.memory_budget_bytes});
-  if (!opened) return opened.error();
-  const TextureSource& ptm = **opened;
-  Surface out{{}, ptm.format(), ptm.provenance()};
-  const int channels = out.format.channels();
-  if (auto fits = checkProportions(a, mesh, ptm.width(), ptm.height()); !fits) return fits.error();
-  // With its coarser levels.
-  const double bytes = static_cast<double>(ptm.width()) * static_cast<double>(ptm.height()) * channels * 4 / 3;
-  if (bytes > static_cast<double>(a.package.memory_budget_bytes))
-    return Error{ErrorKind::kUsage,
-                 a.ptm,
-                 "its planes take " + std::to_string(static_cast<uint64_t>(bytes) >> 20) +
-                     " MiB of memory, expected at most " + std::to_string(a.package.memory_budget_bytes >> 20),
-                 "--memory-mib allows more",
-                 {}};
-  out.image = {static_cast<int>(ptm.width()), static_cast<int>(ptm.height()), channels, {}};
-  const auto width = static_cast<size_t>(ptm.width()), planes = static_cast<size_t>(channels);
-  out.image.pixels.resize(width * static_cast<size_t>(ptm.height()) * planes);
-  constexpr int64_t kRows = 64;
-  std::vector<uint8_t> band;
-  for (int64_t y = 0; y < ptm.height(); y += kRows) {
-    if (interruptedFlag()) break;
-    const Rect rect{0, y, ptm.width(), std::min(kRows, ptm.height() - y)};
-    const size_t texels = width * static_cast<size_t>(rect.height);
-    band.resize(texels * planes);
-    if (auto read = ptm.read(rect, band); !read) return read.error();
-    uint8_t* to = out.image.pixels.data() + static_cast<size_t>(y) * width * planes;
-    for (size_t c = 0; c < planes; ++c)
-      for (size_t i = 0; i < texels; ++i) to[i * planes + c] = band[c * texels + i];
-  }
-  return out;
-}
-
-Result<Surface> readSurface(const MeshBuildArguments& a, const TriMesh& mesh) {
-  if (!a.ptm.empty()) return readPtmPlanes(a, mesh);
-  auto image = readTexture(a, mesh);
-  if (!image) return image.error();
-  Surface out;
-  out.image = std::move(*image);
-  const bool inner = a.texture.empty() && mesh.texture_path.empty();  // in the mesh's own file, or of its colours
-  if (out.image.width > 0 && !inner)
-    out.source = FileProvenance(a.texture.empty() ? mesh.texture_path : a.texture, true).get();
-  return out;
-}
-
 Error interrupted(const MeshBuildArguments& a) {
   return {ErrorKind::kInterrupted, a.package.output, "interrupted", "nothing was written", {}};
 }
@@ -353,7 +133,7 @@ class MeshBuild {
   Result<void> run() {
     if (auto done = read(); !done) return done;
     if (auto done = checkArguments(); !done) return done;
-    auto textured = readSurface(a_, loaded_.mesh);
+    auto textured = readScanSurface(a_, loaded_.mesh);
     if (!textured) return textured.error();
     textured_ = std::move(*textured);
     if (interruptedFlag()) return interrupted(a_);
@@ -438,7 +218,7 @@ class MeshBuild {
   Stages stages_;
   FileProvenance mesh_file_;
   LoadedMesh loaded_;
-  Surface textured_;
+  ScanSurface textured_;
   std::optional<BackgroundTask<Result<BakeScene>>> bake_scene_;
   std::unique_ptr<BaseDomain> domain_;
   BaseMesh base_;
