@@ -1,0 +1,141 @@
+// patch_build.h - what the passes of a build over patches share (patch_package_builder.cpp). Internal to texturing/.
+#pragma once
+
+#include <algorithm>
+#include <array>
+#include <cstdint>
+#include <cstring>
+#include <memory>
+#include <optional>
+#include <span>
+#include <string>
+#include <vector>
+
+#include "src/artwork/base_mesh.h"
+#include "src/artwork/patch_domain.h"
+#include "src/base/parallel_for.h"
+#include "src/base/result.h"
+#include "texturing/codec/mip.h"
+#include "texturing/package/package_layout.h"
+#include "texturing/package/package_writer.h"
+#include "texturing/package/patch_source.h"
+#include "texturing/package/patch_tails.h"
+
+namespace relievo::patch_build {
+
+inline constexpr int kGutterPx = kPageBorderPx;
+
+// Where a patch's levels and strips lie in what is kept of it, in bytes. Level kTail is the tail's finest.
+inline constexpr int kTail = -1;
+struct PatchStore {
+  int channels, depth;
+  static uint64_t side(int level) { return level == kTail ? uint64_t{kTailTexels} : uint64_t{kPagePx} << level; }
+  uint64_t levelOffset(int level) const {
+    uint64_t texels = 0;
+    for (int l = kTail; l < level; ++l) texels += side(l) * side(l);
+    return texels * static_cast<uint64_t>(channels);
+  }
+  uint64_t finestBytes() const { return levelBytes() - levelOffset(depth); }
+  uint64_t levelBytes() const { return levelOffset(depth + 1); }
+  uint64_t gutterBytes(int level) const { return static_cast<uint64_t>(channels) * kGutterPx * side(level); }
+  uint64_t gutterOffset(int level, int s) const {
+    uint64_t bytes = 0;
+    for (int l = kTail; l < level; ++l) bytes += 4 * gutterBytes(l);
+    return bytes + static_cast<uint64_t>(s) * gutterBytes(level);
+  }
+  uint64_t guttersBytes() const { return gutterOffset(depth + 1, 0); }
+};
+
+struct Context {
+  const PatchSource& source;
+  const PackageHeader& header;
+  PackageLayout layout;
+  MipFilter mip;
+  PatchStore store;
+  std::vector<PatchNeighbours> neighbours;
+  std::unique_ptr<SpillStore> levels, strips, tails;
+  // Of each patch, written by whoever works on it.
+  std::vector<CoarseErrors> coarse_errors;
+  std::vector<CoarseBlocks> coarse_blocks;
+  std::vector<CoarseShapes> coarse_shapes;
+  std::vector<HeightSlopes> slopes;
+  std::vector<std::array<uint64_t, 4>> side_hash;  // of the heights along a side, from the corner of the lower index on
+  std::vector<std::array<uint16_t, 4>> corner_height;
+  std::vector<uint8_t> corner_texels;  // by patch, level, corner and channel
+  std::vector<uint8_t> even;  // 1: the level's channel is its corner's texel everywhere, and not kept otherwise
+  TextureDepths texture_depths;
+  // The corners of patches that meet at corner c of the mesh: at[first[c]] .. at[first[c + 1]], as patch * 4 + corner.
+  std::vector<uint32_t> first, at;
+
+  // A patch's tail: heights, then texels.
+  size_t tailBytes() const { return 2 * kTailHeights + static_cast<size_t>(store.channels) * kTailPatchTexels; }
+  size_t levelPlace(uint32_t patch, int level) const {
+    const auto level_count = static_cast<size_t>(store.depth - kTail + 1);
+    return (patch * level_count + static_cast<size_t>(level - kTail)) * static_cast<size_t>(store.channels);
+  }
+  size_t cornerPlace(uint32_t patch, int level, size_t corner) const {
+    return 4 * levelPlace(patch, level) + corner * static_cast<size_t>(store.channels);
+  }
+  // What was kept of a patch's level at that place, channel after channel.
+  Result<void> readKept(const SpillStore& from, uint64_t place, uint32_t patch, int level,
+                        std::span<uint8_t> out) const {
+    const auto channels = static_cast<size_t>(store.channels);
+    const size_t plane = out.size() / channels;
+    for (size_t c = 0; c < channels; ++c)
+      if (even[levelPlace(patch, level) + c])
+        std::memset(out.data() + c * plane, corner_texels[cornerPlace(patch, level, 0) + c], plane);
+    return forKept(patch, level, [&](size_t begin, size_t end) {
+      return from.read(place + begin * plane, out.data() + begin * plane, (end - begin) * plane);
+    });
+  }
+  // Calls use(begin, end) for runs of a level's channels that are kept.
+  template <class Use>
+  Result<void> forKept(uint32_t patch, int level, Use&& use) const {
+    const uint8_t* is_even = even.data() + levelPlace(patch, level);
+    const auto channels = static_cast<size_t>(store.channels);
+    for (size_t begin = 0, end = 0; begin < channels; begin = end + 1) {
+      for (end = begin; end < channels && !is_even[end];) ++end;
+      if (end > begin)
+        if (auto used = use(begin, end); !used) return used;
+    }
+    return {};
+  }
+};
+
+inline void listCorners(Context& c) {
+  const BaseMesh& base = c.source.base();
+  c.first.assign(base.corners.size() + 1, 0);
+  c.at.resize(base.patches.size() * 4);
+  for (const auto& patch : base.patches)
+    for (uint32_t corner : patch) ++c.first[corner + 1];
+  for (size_t i = 1; i < c.first.size(); ++i) c.first[i] += c.first[i - 1];
+  std::vector<uint32_t> next(c.first.begin(), c.first.end() - 1);
+  for (uint32_t i = 0; i < c.at.size(); ++i) c.at[next[base.patches[i / 4][i % 4]]++] = i;
+}
+
+inline Error invalid(uint32_t patch, const std::string& what) {
+  return {ErrorKind::kInvalidData, "", "patch " + std::to_string(patch) + ": " + what, "", {}};
+}
+
+// Calls run(worker, patch) for each patch; each thread's worker is what makeWorker() gives. Calls between(patches taken
+// so far) on the caller's thread.
+template <class MakeWorker, class Run, class Between>
+Result<void> forEachPatch(const Context& context, const BuildOptions& options, int workers, MakeWorker&& makeWorker,
+                          Run&& run, Between&& between) {
+  constexpr size_t kPatchesAJob = 16;
+  const size_t patches = context.header.domain.patchCount();
+  std::vector<std::optional<Error>> failed((patches + kPatchesAJob - 1) / kPatchesAJob);
+  const bool whole = parallelForWith(
+      failed.size(), workers, options.interrupted, makeWorker,
+      [&](auto& worker, size_t job) {
+        for (size_t p = job * kPatchesAJob; p < std::min(patches, (job + 1) * kPatchesAJob) && !failed[job]; ++p)
+          if (auto done = run(worker, static_cast<uint32_t>(p)); !done) failed[job] = done.error();
+      },
+      [&](size_t jobs) { between(std::min(patches, jobs * kPatchesAJob)); });
+  for (const std::optional<Error>& error : failed)
+    if (error) return *error;
+  if (!whole) return Error{ErrorKind::kInterrupted, options.output, "interrupted", "nothing was written", {}};
+  return {};
+}
+
+}  // namespace relievo::patch_build

@@ -1,0 +1,449 @@
+// patch_texels.h - a patch's texels as a package has them: kept level by level until their neighbours are known, the
+// levels that are left out, rounded tails, and pages. Internal to texturing/.
+#pragma once
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <cstdint>
+#include <cstring>
+#include <memory>
+#include <span>
+#include <utility>
+#include <vector>
+
+#include "texturing/codec/page_codec.h"
+#include "texturing/codec/tail_code.h"
+#include "texturing/package/crease_gutter.h"
+#include "texturing/package/patch_build.h"
+#include "texturing/package/texture_depths.h"
+
+namespace relievo::patch_build {
+
+class TexelKeeper {
+ public:
+  explicit TexelKeeper(Context& context) : c_(context) {}
+
+  Result<void> run(uint32_t patch) {
+    const PatchStore& store = c_.store;
+    int side = static_cast<int>(PatchStore::side(store.depth));
+    texels_.resize(store.finestBytes());
+    if (auto made = c_.source.texels(patch, texels_); !made) return made;
+    for (int level = store.depth;; --level, side /= 2) {
+      if (auto kept = keepLevel(patch, level, texels_); !kept) return kept;
+      if (level == 0) return keepTail(patch);
+      coarser_.resize(texels_.size() / 4);
+      if (level == store.depth) {
+        c_.mip.downsample(texels_.data(), side, side, coarser_.data());
+      } else {
+        c_.mip.downsample(level_.data(), side, side, coarser_.data());
+      }
+      level_.swap(coarser_);
+      texels_.resize(level_.size());
+      for (size_t i = 0; i < level_.size(); ++i) texels_[i] = byteFromLevel(level_[i]);
+    }
+  }
+
+  // The patch's tail once more as its root level has it, in place of one that was rounded.
+  Result<void> keepExactTail(uint32_t patch) {
+    texels_.resize(static_cast<size_t>(c_.store.channels) * kPagePx * kPagePx);
+    const uint64_t place = patch * c_.store.levelBytes() + c_.store.levelOffset(0);
+    if (auto read = c_.readKept(*c_.levels, place, patch, 0, texels_); !read) return read;
+    return keepTail(patch);
+  }
+  Result<void> keepRoundedTail(uint32_t patch, std::span<const uint8_t> tail) {
+    tail_.assign(tail.begin(), tail.end());
+    return keepTailTexels(patch);
+  }
+
+ private:
+  Result<void> keepLevel(uint32_t patch, int level, std::span<const uint8_t> texels) {
+    const PatchStore& store = c_.store;
+    const auto channels = static_cast<size_t>(store.channels);
+    const size_t plane = texels.size() / channels;
+    for (size_t c = 0; c < channels; ++c)
+      c_.even[c_.levelPlace(patch, level) + c] = isEven(texels.subspan(c * plane, plane));
+    keepCorners(patch, level, texels);
+    const uint64_t place = patch * store.levelBytes() + store.levelOffset(level);
+    auto kept = c_.forKept(patch, level, [&](size_t begin, size_t end) {
+      return c_.levels->write(place + begin * plane, texels.data() + begin * plane, (end - begin) * plane);
+    });
+    return kept ? keepGutters(patch, level, texels) : kept;
+  }
+
+  Result<void> keepTail(uint32_t patch) {
+    tail_.resize(c_.tailBytes() - 2 * kTailHeights);
+    tailTexels(c_.mip, texels_, tail_);
+    return keepTailTexels(patch);
+  }
+  Result<void> keepTailTexels(uint32_t patch) {
+    const uint64_t finest = static_cast<uint64_t>(c_.store.channels) * kTailTexels * kTailTexels;
+    if (auto kept = keepLevel(patch, kTail, std::span(tail_).first(finest)); !kept) return kept;
+    return c_.tails->write(patch * c_.tailBytes() + 2 * kTailHeights, tail_.data(), tail_.size());
+  }
+
+  void keepCorners(uint32_t patch, int level, std::span<const uint8_t> texels) {
+    const size_t side = PatchStore::side(level);
+    for (size_t k = 0; k < 4; ++k) {
+      const size_t x = k % 2 ? side - 1 : 0, y = k / 2 ? side - 1 : 0, place = c_.cornerPlace(patch, level, k);
+      for (size_t c = 0; c < static_cast<size_t>(c_.store.channels); ++c)
+        c_.corner_texels[place + c] = texels[(c * side + y) * side + x];
+    }
+  }
+
+  // Channel after channel, the rows (or columns) from the side inwards, each in the direction of growing u or v.
+  Result<void> keepGutters(uint32_t patch, int level, std::span<const uint8_t> texels) {
+    const int side = static_cast<int>(PatchStore::side(level));
+    strip_.resize(c_.store.gutterBytes(level));
+    for (int s = 0; s < 4; ++s) {
+      uint8_t* out = strip_.data();
+      for (int channel = 0; channel < c_.store.channels; ++channel) {
+        const uint8_t* in = texels.data() + static_cast<size_t>(channel) * side * side;
+        for (int d = 0; d < kGutterPx; ++d, out += side) {
+          const int at = s == kLeft || s == kTop ? d : side - 1 - d;
+          if (s == kTop || s == kBottom) {
+            std::memcpy(out, in + static_cast<size_t>(at) * side, static_cast<size_t>(side));
+          } else {
+            for (int i = 0; i < side; ++i) out[i] = in[static_cast<size_t>(i) * side + at];
+          }
+        }
+      }
+      const uint64_t place = patch * c_.store.guttersBytes() + c_.store.gutterOffset(level, s);
+      const size_t plane = strip_.size() / static_cast<size_t>(c_.store.channels);
+      auto kept = c_.forKept(patch, level, [&](size_t begin, size_t end) {
+        return c_.strips->write(place + begin * plane, strip_.data() + begin * plane, (end - begin) * plane);
+      });
+      if (!kept) return kept;
+    }
+    return {};
+  }
+
+  Context& c_;
+  std::vector<uint8_t> texels_, strip_, tail_;
+  std::vector<uint16_t> level_, coarser_;
+};
+
+// A level of a patch with its border, as wide as that of pages.
+class LevelReader {
+ public:
+  explicit LevelReader(const Context& context) : c_(context) {}
+
+  size_t stride() const { return side_ + 2 * kPageBorderPx; }
+  const std::vector<uint8_t>& texels() const { return bordered_; }  // channel after channel
+  BorderedLevel level() const { return {bordered_, side_, kPageBorderPx}; }
+
+  Result<void> load(uint32_t patch, int level) {
+    const PatchStore& store = c_.store;
+    side_ = PatchStore::side(level);
+    const size_t channels = static_cast<size_t>(store.channels), plane = stride() * stride();
+    bordered_.resize(channels * plane);
+    inside_.resize(channels * side_ * side_);
+    if (auto read =
+            c_.readKept(*c_.levels, patch * store.levelBytes() + store.levelOffset(level), patch, level, inside_);
+        !read)
+      return read;
+    for (size_t c = 0; c < channels; ++c)
+      for (size_t y = 0; y < side_; ++y)
+        std::memcpy(bordered_.data() + c * plane + (y + kPageBorderPx) * stride() + kPageBorderPx,
+                    inside_.data() + (c * side_ + y) * side_, side_);
+    const int begin = kPageBorderPx, end = begin + static_cast<int>(side_), width = static_cast<int>(stride());
+    repeatBorder(bordered_.data(), width, width, store.channels, begin, begin, end, end);
+    strip_.resize(store.gutterBytes(level));
+    for (int s = 0; s < 4; ++s) {
+      const PatchNeighbour& n = c_.neighbours[patch][static_cast<size_t>(s)];
+      if (n.patch == PatchNeighbour::kNone) continue;
+      const uint64_t place = n.patch * store.guttersBytes() + store.gutterOffset(level, n.side);
+      if (auto read = c_.readKept(*c_.strips, place, n.patch, level, strip_); !read) return read;
+      const bool upright = s == kLeft || s == kRight;
+      // Texel i of the nearest row of our side, and of the neighbour's strip.
+      auto ownTexel = [&](size_t i) {
+        const size_t edge = s == kRight || s == kBottom ? side_ - 1 : 0;
+        return upright ? i * side_ + edge : edge * side_ + i;
+      };
+      auto theirTexel = [&](size_t i) { return n.reversed ? side_ - 1 - i : i; };
+      creased_.assign(side_, 0);
+      if (hasNormals(c_.header.texture))
+        for (size_t i = 0; i < side_; ++i) {
+          std::array<uint8_t, 3> own, theirs;
+          for (size_t k = 0; k < 3; ++k) {
+            own[k] = inside_[(kNormalChannel + k) * side_ * side_ + ownTexel(i)];
+            theirs[k] = strip_[(kNormalChannel + k) * kGutterPx * side_ + theirTexel(i)];
+          }
+          creased_[i] = isCrease(own, theirs);
+        }
+      const uint8_t* in = strip_.data();
+      for (size_t c = 0; c < channels; ++c) {
+        for (size_t d = 0; d < kGutterPx; ++d, in += side_) {
+          // Texel i along the side, d + 1 texels beyond it.
+          const size_t across = s == kLeft || s == kTop ? kPageBorderPx - 1 - d : kPageBorderPx + side_ + d;
+          uint8_t* out = bordered_.data() + c * plane +
+                         (upright ? kPageBorderPx * stride() + across : across * stride() + kPageBorderPx);
+          const size_t step = upright ? stride() : 1;
+          for (size_t i = 0; i < side_; ++i)
+            out[i * step] =
+                creased_[i] && c >= kNormalChannel ? inside_[c * side_ * side_ + ownTexel(i)] : in[theirTexel(i)];
+        }
+      }
+    }
+    for (size_t k = 0; k < 4; ++k) fillCorner(patch, level, k);
+    return {};
+  }
+
+ private:
+  // The square of the border beyond corner k.
+  void fillCorner(uint32_t patch, int level, size_t k) {
+    const uint32_t corner = c_.source.base().patches[patch][k];
+    const size_t meet = c_.first[corner + 1] - c_.first[corner];
+    const size_t x_in = kPageBorderPx + (k % 2 ? side_ - 1 : 0), y_in = kPageBorderPx + (k / 2 ? side_ - 1 : 0);
+    const size_t x_out = k % 2 ? x_in + 1 : x_in - 1, y_out = k / 2 ? y_in + 1 : y_in - 1;
+    auto cornerTexels = [&](uint32_t i) {
+      return c_.corner_texels.data() + c_.cornerPlace(c_.at[i] / 4, level, c_.at[i] % 4);
+    };
+    bool crease = false;
+    if (hasNormals(c_.header.texture)) {
+      std::array<uint8_t, 3> own, theirs;
+      for (size_t c = 0; c < 3; ++c) own[c] = bordered_[((kNormalChannel + c) * stride() + y_in) * stride() + x_in];
+      for (uint32_t i = c_.first[corner]; i < c_.first[corner + 1]; ++i) {
+        std::copy_n(cornerTexels(i) + kNormalChannel, 3, theirs.begin());
+        crease |= isCrease(own, theirs);
+      }
+    }
+    for (size_t c = 0; c < static_cast<size_t>(c_.store.channels); ++c) {
+      uint8_t* plane = bordered_.data() + c * stride() * stride();
+      auto at = [&](size_t x, size_t y) -> uint8_t& { return plane[y * stride() + x]; };
+      size_t sum = 0;
+      for (uint32_t i = c_.first[corner]; i < c_.first[corner + 1]; ++i) sum += cornerTexels(i)[c];
+      const int four_means = static_cast<int>((8 * sum + meet) / (2 * meet));
+      const int beyond = crease && c >= kNormalChannel
+                             ? at(x_in, y_in)
+                             : std::clamp(four_means - at(x_in, y_in) - at(x_out, y_in) - at(x_in, y_out), 0, 255);
+      for (size_t j = 0; j < kPageBorderPx; ++j)
+        for (size_t i = 0; i < kPageBorderPx; ++i)
+          at(k % 2 ? x_out + i : x_out - i, k / 2 ? y_out + j : y_out - j) = static_cast<uint8_t>(beyond);
+    }
+  }
+
+  const Context& c_;
+  size_t side_ = 0;
+  std::vector<uint8_t> inside_, bordered_, strip_;
+  std::vector<uint8_t> creased_;  // for each texel along a side: 1 where the patches meet at a crease
+};
+
+class DepthFinder {
+ public:
+  DepthFinder(Context& context, double tolerance)
+      : c_(context),
+        tolerances_(channelTolerances(context.header.texture, tolerance)),
+        coarse_(context),
+        fine_(context) {}
+
+  // Notes the coarsest level that shows all finer ones within the tolerance.
+  Result<void> run(uint32_t patch) {
+    int depth = kTail;
+    for (; depth < c_.store.depth; ++depth) {
+      auto enough = showsAllFiner(patch, depth);
+      if (!enough) return enough.error();
+      if (*enough) break;
+    }
+    static_assert(kTail == kNoTexturePage);
+    c_.texture_depths[patch] = static_cast<int8_t>(depth);
+    return {};
+  }
+
+  Result<bool> showsAllFiner(uint32_t patch, int depth) {
+    if (auto loaded = coarse_.load(patch, depth); !loaded) return loaded.error();
+    for (int finer = depth + 1; finer <= c_.store.depth; ++finer) {
+      if (auto loaded = fine_.load(patch, finer); !loaded) return loaded.error();
+      if (!showsTheSame(fine_.level(), coarse_.level(), tolerances_)) return false;
+    }
+    return true;
+  }
+
+ private:
+  Context& c_;
+  const std::vector<ChannelTolerance> tolerances_;  // by channel
+  LevelReader coarse_, fine_;
+};
+
+class TextureWriter {
+ public:
+  TextureWriter(const Context& context, const BuildOptions& options)
+      : c_(context),
+        encoder_(options.zstd_level),
+        reader_(context),
+        tolerances_(channelTolerances(context.header.texture, options.texture_tolerance)),
+        coarse_pages_(context.header.coded_tails && options.texture_tolerance >= 0) {}
+
+  BuildPart run(uint32_t patch) {
+    BuildPart out;
+    for (int level = 0; level <= c_.header.domain.textureDepthOf(patch) && out.status.ok(); ++level) {
+      out.status = reader_.load(patch, level);
+      if (out.status.ok()) cut(patch, level, out);
+    }
+    return out;
+  }
+
+ private:
+  void cut(uint32_t patch, int level, BuildPart& out) {
+    const size_t stride = reader_.stride(), plane_texels = stride * stride;
+    const int depth = c_.header.domain.textureDepthOf(patch);
+    const int stands_for_finer = depth < c_.store.depth ? depth : -1;
+    for (uint32_t y = 0; y < 1u << level; ++y) {
+      for (uint32_t x = 0; x < 1u << level; ++x) {
+        const auto at = c_.layout.texture.find({patch, static_cast<uint32_t>(level), x, y});
+        for (size_t plane = 0; plane < static_cast<size_t>(c_.header.texture.planes()); ++plane) {
+          uint8_t* to = page_.data();
+          for (size_t c = 3 * plane; c < 3 * plane + 3; ++c) {
+            const uint8_t* from = reader_.texels().data() + c * plane_texels + y * kPagePx * stride + x * kPagePx;
+            for (int row = 0; row < kPageFullPx; ++row, to += kPageFullPx, from += stride)
+              std::memcpy(to, from, kPageFullPx);
+          }
+          out.place({.index_offset = at.block_offset + at.node_offset + plane * kTextureEntryBytes},
+                    encode(plane, level == stands_for_finer));
+        }
+      }
+    }
+  }
+
+  // A level that stands for finer ones has used the tolerance for that.
+  std::span<const uint8_t> encode(size_t plane, bool exactly) {
+    const PageEncoding encoding = c_.header.encodings[plane];
+    if (exactly || !coarse_pages_ || encoding.codec != PageCodec::kLossless)
+      return encoder_.encodeTexture(page_, encoding);
+    return encoder_.encodeTextureWithin(page_, std::span(tolerances_).subspan(3 * plane, 3), c_.header.coded_texels);
+  }
+
+  const Context& c_;
+  PageEncoder encoder_;
+  LevelReader reader_;
+  const std::vector<ChannelTolerance> tolerances_;  // by channel
+  const bool coarse_pages_;
+  std::array<uint8_t, kTexturePageBytes> page_;
+};
+
+// Texels of tails that take fewer bytes, within the tolerance. Where a tail stands for all levels, these are within the
+// tolerance of it, as before: what leads beyond is taken back, around the patch as well, as its border shows those
+// texels.
+class TailRounding {
+ public:
+  TailRounding(Context& context, const BuildOptions& options, int workers)
+      : c_(context),
+        options_(options),
+        workers_(workers),
+        rounded_(context.header.domain.patchCount(), 1),
+        tolerances_(channelTolerances(context.header.texture, options.texture_tolerance)) {}
+
+  Result<void> run() {
+    if (auto done = roundAll(); !done) return done;
+    std::vector<uint8_t> changed(rounded_.size(), 1);
+    // What is taken back stays so: this ends.
+    for (;;) {
+      std::vector<uint8_t> beyond(rounded_.size(), 0);
+      auto found = forEachPatch(
+          c_, options_, workers_, [&] { return DepthFinder(c_, options_.texture_tolerance); },
+          [&](DepthFinder& finder, uint32_t patch) -> Result<void> {
+            if (!standsForAll(patch) || !anyAround(patch, changed) || !anyAround(patch, rounded_)) return {};
+            auto shows = finder.showsAllFiner(patch, kTail);
+            if (!shows) return shows.error();
+            beyond[patch] = !*shows;
+            return {};
+          },
+          [](size_t) {});
+      if (!found || std::find(beyond.begin(), beyond.end(), 1) == beyond.end()) return found;
+      if (auto done = takeBack(beyond, changed); !done) return done;
+    }
+  }
+
+ private:
+  bool standsForAll(uint32_t patch) const { return c_.texture_depths[patch] == kTail; }
+  // Calls f(patch) for those that share a corner with the patch, and for itself.
+  template <class F>
+  void around(uint32_t patch, F&& f) const {
+    for (const uint32_t corner : c_.source.base().patches[patch])
+      for (uint32_t i = c_.first[corner]; i < c_.first[corner + 1]; ++i) f(c_.at[i] / 4);
+  }
+  bool anyAround(uint32_t patch, const std::vector<uint8_t>& of_patches) const {
+    bool any = false;
+    around(patch, [&](uint32_t p) { any |= of_patches[p] != 0; });
+    return any;
+  }
+
+  Result<void> roundAll() {
+    const size_t patches = rounded_.size(), chunks = tailsChunks(static_cast<uint32_t>(patches));
+    std::vector<Result<void>> done(chunks);
+    const bool whole = parallelFor(chunks, workers_, options_.interrupted, [&](size_t chunk) {
+      const size_t first = chunk * kTailsChunkPatches, count = std::min<size_t>(kTailsChunkPatches, patches - first);
+      done[chunk] = roundChunk(static_cast<uint32_t>(first), static_cast<uint32_t>(count));
+    });
+    for (const Result<void>& result : done)
+      if (!result) return result;
+    if (!whole) return Error{ErrorKind::kInterrupted, options_.output, "interrupted", "nothing was written", {}};
+    return {};
+  }
+  Result<void> roundChunk(uint32_t first, uint32_t count) {
+    PatchTails tails(count, c_.store.channels);
+    for (uint32_t i = 0; i < count; ++i) {
+      const auto texels = tails.texelsOf(i);
+      const uint64_t place = (first + i) * c_.tailBytes() + 2 * kTailHeights;
+      if (auto read = c_.tails->read(place, texels.data(), texels.size()); !read) return read;
+    }
+    for (int plane = 0; plane < c_.store.channels / 3; ++plane) {
+      const ChannelTolerance& tolerance = tolerances_[static_cast<size_t>(3 * plane)];
+      // Errors that are spread evenly up to this have that root mean square.
+      const double most = std::min(std::floor(std::sqrt(3.0) * tolerance.rms), tolerance.most);
+      roundTailTexels(tails.texels, c_.store.channels, plane, static_cast<int>(std::min(most, 127.0)), tolerance.rms);
+    }
+    TexelKeeper keeper(c_);
+    for (uint32_t i = 0; i < count; ++i)
+      if (auto kept = keeper.keepRoundedTail(first + i, tails.texelsOf(i)); !kept) return kept;
+    return {};
+  }
+
+  // changed: the patches whose tails are no longer rounded.
+  Result<void> takeBack(const std::vector<uint8_t>& beyond, std::vector<uint8_t>& changed) {
+    TexelKeeper keeper(c_);
+    changed.assign(beyond.size(), 0);
+    for (uint32_t patch = 0; patch < beyond.size(); ++patch) {
+      Result<void> done;
+      if (beyond[patch])
+        around(patch, [&](uint32_t p) {
+          if (!done || !std::exchange(rounded_[p], uint8_t{0})) return;
+          changed[p] = 1;
+          done = keeper.keepExactTail(p);
+        });
+      if (!done) return done;
+    }
+    return {};
+  }
+
+  Context& c_;
+  const BuildOptions& options_;
+  const int workers_;
+  std::vector<uint8_t> rounded_;                    // by patch
+  const std::vector<ChannelTolerance> tolerances_;  // by channel
+};
+
+// Into the header, unless all patches have all levels.
+inline Result<void> findTextureDepths(Context& context, PackageHeader& header, const BuildOptions& options,
+                                      int workers) {
+  const double tolerance = options.texture_tolerance;
+  if (header.compact && tolerance >= 0) {
+    auto found = forEachPatch(
+        context, options, workers, [&] { return DepthFinder(context, tolerance); },
+        [](DepthFinder& finder, uint32_t patch) { return finder.run(patch); }, [](size_t) {});
+    if (!found) return found;
+    if (header.coded_tails && options.rounded_tails)
+      if (auto rounded = TailRounding(context, options, workers).run(); !rounded) return rounded;
+    const auto less = [&](int8_t depth) { return depth < header.domain.texture_depth; };
+    header.texture_depths = std::any_of(context.texture_depths.begin(), context.texture_depths.end(), less);
+  }
+  if (header.texture_depths) {
+    header.domain.setTextureDepths(std::make_shared<const TextureDepths>(context.texture_depths));
+    header.page_count = packageLayout(header.domain, header.texture, 0, 0).page_count;
+  } else {
+    context.texture_depths.clear();
+  }
+  return {};
+}
+
+}  // namespace relievo::patch_build
