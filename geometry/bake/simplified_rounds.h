@@ -17,7 +17,8 @@ class SimplifiedRounds {
   static constexpr int kRounds = 5, kInVain = 2;  // bakes; of them in a row, none better than those before
   // Times the target: beyond the first the own triangles are worth their bytes at once, beyond the second no round is.
   static constexpr double kFarOff = 4, kHopeless = 32;
-  static constexpr double kNearly = 2;  // times the target: twice as many rounds are worth their while
+  // Times the target: twice as many rounds are worth their while, and as many in vain if there is nothing else.
+  static constexpr double kNearly = 2;
 
   // Ratios of what was measured to the target (Fidelity::excess()).
   struct Bake {
@@ -55,7 +56,7 @@ class SimplifiedRounds {
     const bool in_sight = own == OwnTriangles::kFew ? round_ < 3 && bake.least <= kFarOff
                                                     : round_ < 3 || bake.least * std::pow(gained, left) <= kFarOff;
     least_before_ = {bake.least, least_before_[0]};
-    over_ = round_ > rounds || in_vain_ >= times * kInVain || bake.own > kHopeless;
+    over_ = round_ > rounds || in_vain_ >= (own_triangles ? 1 : times) * kInVain || bake.own > kHopeless;
     if (over_) return !bake.kept && own_triangles ? Next::kOwnTriangles : Next::kEnd;
     return in_sight || !own_triangles ? Next::kAgain : Next::kOwnTriangles;
   }

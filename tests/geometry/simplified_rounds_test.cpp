@@ -59,9 +59,10 @@ TEST(SimplifiedRounds, EndWhereNoMoreHelp) {
   EXPECT_EQ(roundsOf({3, 3.1, 3.2}, Own::kTooMany), (Outcome{3, Next::kEnd, true}));
   EXPECT_EQ(roundsOf({40}, Own::kMany), (Outcome{1, Next::kOwnTriangles, true}));
   EXPECT_EQ(roundsOf({40}, Own::kTooMany), (Outcome{1, Next::kEnd, true}));
-  // Near the target four times in a row, but no more than twice once it is kept.
-  EXPECT_EQ(roundsOf({3, 1.9, 2, 2.1, 2.2, 2.3}, Own::kMany), (Outcome{6, Next::kOwnTriangles, true}));
-  EXPECT_EQ(roundsOf({3, 1.9, 2, 2.1, 2.2}, Own::kMany), (Outcome{5, Next::kAgain, false}));
+  // Near the target four times in a row where there is nothing else, but no more than twice once it is kept.
+  EXPECT_EQ(roundsOf({3, 1.9, 2, 2.1, 2.2, 2.3}, Own::kTooMany), (Outcome{6, Next::kEnd, true}));
+  EXPECT_EQ(roundsOf({3, 1.9, 2, 2.1, 2.2}, Own::kTooMany), (Outcome{5, Next::kAgain, false}));
+  EXPECT_EQ(roundsOf({3, 1.9, 2, 2.1}, Own::kMany), (Outcome{4, Next::kOwnTriangles, true}));
   EXPECT_EQ(roundsOf({1.5, 0.95, 1.2, 1.3}, Own::kMany), (Outcome{4, Next::kEnd, true}));
   // Six bakes as a rule, eleven where the target is nearly kept.
   EXPECT_EQ(roundsOf(std::vector<double>{3, 2.9, 2.8, 2.7, 2.6, 2.5, 2.4}, Own::kMany),
