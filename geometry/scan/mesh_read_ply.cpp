@@ -159,6 +159,8 @@ class PlyReader {
     if (!in_.line(text) || nextItem(text) != "ply")
       return in_.note("expected \"ply\" as the first line", "this is no PLY file");
     bool format = false;
+    uint64_t stray_lines = 0;
+    std::string stray;  // the first of them
     for (;;) {
       if (!in_.line(text)) {
         in_.endOfFile("end_header");
@@ -213,10 +215,16 @@ class PlyReader {
           images_.emplace_back(rest);
           triangles_of_.push_back(0);
         }
+      } else if (!key.empty() && format && elements_.empty()) {
+        // Blender 2.4 wrote who made the file without saying that this is a comment.
+        if (++stray_lines == 1) stray = inQuotes(whole);
       } else if (!key.empty()) {
         return in_.note("expected a line of a PLY header, found " + inQuotes(whole));
       }
     }
+    if (stray_lines > 0)
+      mesh_.findings.push_back(
+          {"lines of the header that are no part of it (" + stray + ")", stray_lines, {}, "ignored"});
     if (!format) return in_.note("expected the line \"format ...\" before end_header");
     checkElements();
   }

@@ -601,6 +601,26 @@ void expectRefused(const std::string& path, ErrorKind kind, const std::string& p
   EXPECT_NE(read.error().text().find(path), std::string::npos) << read.error().text();
 }
 
+// Blender 2.4 left out the word "comment".
+TEST(MeshFormats, PlyHeadersMaySayWhoMadeThem) {
+  const std::string elements =
+                        "element vertex 3\nproperty float x\nproperty float y\nproperty float z\nelement face "
+                        "1\nproperty list uchar int "
+                        "vertex_indices\n",
+                    body = "end_header\n0 0 0\n1 0 0\n0 1 0\n3 0 1 2\n",
+                    by = "Created by Blender3D 247 - www.blender.org, source file: \n";
+  const LoadedMesh m = mustRead(saveFile("a.ply", "ply\nformat ascii 1.0\n" + by + elements + body));
+  EXPECT_EQ(m.mesh.triangles.size(), 1u);
+  const MeshFinding* f = finding(m, "lines of the header that are no part of it (\"Created by Blender3D 247");
+  ASSERT_TRUE(f) << defects(m.diagnosis);
+  EXPECT_EQ(f->count, 1u);
+  // Elsewhere such a line is taken for damage.
+  expectRefused(saveFile("a.ply", "ply\nformat ascii 1.0\n" + elements + by + body), ErrorKind::kInvalidData,
+                "expected a line of a PLY header");
+  expectRefused(saveFile("a.ply", "ply\n" + by + "format ascii 1.0\n" + elements + body), ErrorKind::kInvalidData,
+                "expected a line of a PLY header");
+}
+
 TEST(MeshRefusals, SayWhatIsWrongAndWhere) {
   const ErrorKind invalid = ErrorKind::kInvalidData;
   const std::string head =
