@@ -700,14 +700,9 @@ Result<void> MeshBuild::pack() {
   {
     auto opened = Package::open(a_.package.output);
     if (!opened) return opened.error();
-    auto relief = planeUsage(**opened, Plane::kRelief);
+    auto relief = reliefBytes(**opened);
     if (!relief) return relief.error();
-    result_.relief_bytes = relief->bytes + (*opened)->header().base_bytes;
-    if ((*opened)->header().coded_index) {  // root pages are not whole without their tails
-      auto tails = (*opened)->tailBytes();
-      if (!tails) return tails.error();
-      result_.relief_bytes += tails->heights.value_or(0);
-    }
+    result_.relief_bytes = *relief;
     const PatchDomain& domain = (*opened)->manifest().domain;
     result_.texture_tolerance = a_.texture_tolerance;
     for (int level = 0; level <= domain.texture_depth; ++level) result_.texture_nodes += domain.nodeCount(level);

@@ -223,8 +223,7 @@ class PlyReader {
       }
     }
     if (stray_lines > 0)
-      mesh_.findings.push_back(
-          {"lines of the header that are no part of it (" + stray + ")", stray_lines, {}, "ignored"});
+      mesh_.findings.push_back({"header lines that are no part of it (" + stray + ")", stray_lines, {}, "ignored"});
     if (!format) return in_.note("expected the line \"format ...\" before end_header");
     checkElements();
   }

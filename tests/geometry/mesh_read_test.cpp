@@ -611,7 +611,7 @@ TEST(MeshFormats, PlyHeadersMaySayWhoMadeThem) {
                     by = "Created by Blender3D 247 - www.blender.org, source file: \n";
   const LoadedMesh m = mustRead(saveFile("a.ply", "ply\nformat ascii 1.0\n" + by + elements + body));
   EXPECT_EQ(m.mesh.triangles.size(), 1u);
-  const MeshFinding* f = finding(m, "lines of the header that are no part of it (\"Created by Blender3D 247");
+  const MeshFinding* f = finding(m, "header lines that are no part of it (\"Created by Blender3D 247");
   ASSERT_TRUE(f) << defects(m.diagnosis);
   EXPECT_EQ(f->count, 1u);
   // Elsewhere such a line is taken for damage.

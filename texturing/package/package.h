@@ -126,6 +126,9 @@ struct PlaneUsage {
   uint64_t pages = 0, bytes = 0, unknown_pages = 0;
 };
 Result<PlaneUsage> planeUsage(const Package& package, Plane plane, const std::atomic<bool>* stop = nullptr);
+// What the relief of patches takes: its pages, the base mesh, and the heights of tails where root pages are not whole
+// without them.
+Result<uint64_t> reliefBytes(const Package& package);
 
 struct DamagedPage {
   PageId id;

@@ -632,4 +632,14 @@ Result<PlaneUsage> planeUsage(const Package& package, Plane plane, const std::at
   return usage;
 }
 
+Result<uint64_t> reliefBytes(const Package& package) {
+  auto pages = planeUsage(package, Plane::kRelief);
+  if (!pages) return pages.error();
+  uint64_t bytes = pages->bytes + package.header().base_bytes;
+  if (!package.header().coded_index) return bytes;
+  auto tails = package.tailBytes();
+  if (!tails) return tails.error();
+  return bytes + tails->heights.value_or(0);
+}
+
 }  // namespace relievo

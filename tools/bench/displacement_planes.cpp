@@ -49,9 +49,11 @@ glm::dmat3 poleOf(std::span<const BasePoint> points) {
 // A plane as a package's relief: no texture, bounds of another surface.
 class HeightPlaneSource final : public PatchSource {
  public:
-  HeightPlaneSource(const BakeContext& context, const BakedHeights& plane, const MeshBake& bake, double slight_mm)
-      : context_(context), plane_(plane), bake_(bake), slight_mm_(slight_mm) {}
+  HeightPlaneSource(const BakeContext& context, const BakedHeights& plane, const MeshBake& bake, double slight_mm,
+                    double base_step_mm)
+      : context_(context), plane_(plane), bake_(bake), slight_mm_(slight_mm), base_step_mm_(base_step_mm) {}
   const BaseMesh& base() const override { return context_.base; }
+  double baseStepMm() const override { return base_step_mm_; }
   int textureDepth() const override { return 0; }
   int reliefDepth() const override { return plane_.reliefDepth(); }
   TextureFormat format() const override { return {.basis = Basis::kAlbedoNormal}; }
@@ -90,7 +92,7 @@ class HeightPlaneSource final : public PatchSource {
   const BakeContext& context_;
   const BakedHeights& plane_;
   const MeshBake& bake_;
-  double slight_mm_;
+  double slight_mm_, base_step_mm_;
 };
 
 // A block of a patch's grid of 2^log2 cells a side: `cells` a side from cell (x, y).
@@ -292,19 +294,20 @@ TriMesh DisplacementPlanes::surface(double tolerance_mm, std::vector<uint32_t>& 
   return out;
 }
 
-Result<uint64_t> DisplacementPlanes::bits(const MeshBake& bake, double slight_mm, const std::string& package) const {
+Result<uint64_t> DisplacementPlanes::bits(const MeshBake& bake, double slight_mm, double base_step_mm,
+                                          const std::string& package) const {
   const BakeContext& context = samples_.context;
   uint64_t bytes = 0, flags = 0;
   {
     BuildOptions options{.output = package};
     options.manifest_extra = "{}";
-    const HeightPlaneSource source(context, planes_[0], bake, slight_mm);
+    const HeightPlaneSource source(context, planes_[0], bake, slight_mm, base_step_mm);
     if (auto built = buildPatchPackage(source, options); !built) return built.error();
     auto opened = Package::open(package);
     if (!opened) return opened.error();
-    auto relief = planeUsage(**opened, Plane::kRelief);
+    auto relief = reliefBytes(**opened);
     if (!relief) return relief.error();
-    bytes = relief->bytes + (*opened)->header().base_bytes;
+    bytes = *relief;
   }
   std::remove(package.c_str());
   const int depth = planes_[0].reliefDepth();

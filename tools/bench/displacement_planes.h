@@ -58,9 +58,9 @@ class DisplacementPlanes {
   // Triangles in the patches' order, made coarse where that is within the tolerance. patch_of: of each triangle.
   TriMesh surface(double tolerance_mm, std::vector<uint32_t>& patch_of) const;
   // Bits of the heights in a package with its base mesh, the bounds being those of `bake`, and of the pages that the
-  // other two components would have if they were coded as heights are: pages without any cost a bit. package: a file
-  // that is written for it and removed.
-  Result<uint64_t> bits(const MeshBake& bake, double slight_mm, const std::string& package) const;
+  // other two components would have if they were coded as heights are: pages without any cost a bit. base_step_mm: of
+  // the lattice of the base's corners. package: a file that is written for it and removed.
+  Result<uint64_t> bits(const MeshBake& bake, double slight_mm, double base_step_mm, const std::string& package) const;
 
  private:
   bool aside(uint32_t patch) const { return patch_aside_[patch] != 0; }

@@ -121,7 +121,8 @@ class ScanRows {
     fidelity_scan_ = std::make_unique<FidelityScan>(mesh, 0);
     const BakeScene scene = must(makeBakeScene(mesh, {}));
     const std::unique_ptr<BaseDomain> domain = must(BaseDomain::create(mesh));
-    const BaseMesh base = must(domain->make());
+    base_step_ = std::max(kOfTarget * target_.rms_mm, diagonalOf(mesh) / (kMostPositionSteps / 4));
+    const BaseMesh base = onLattice(must(domain->make()), base_step_);
     auto bake = must(MeshBake::create(mesh, {}, base, {}, scene));
     const DisplacedSamples samples(mesh, *bake);
     const std::vector<glm::dvec3> heights = samples.heights(*bake);
@@ -146,7 +147,7 @@ class ScanRows {
       add(kNearestMissed, samples, nearestComponents(samples, heights, on_missed, search), *bake);
       add(kFittedMissed, samples, fittedComponents(samples, heights, on_missed, many), *bake);
     }
-    addBake(kDirections, mesh, withFittedDirections(base, mesh), {}, scene, nullptr);
+    addBake(kDirections, mesh, onLattice(withFittedDirections(base, mesh), base_step_), {}, scene, nullptr);
     size_t moved = 0;
     samples_ = bake->report().samples;
     const std::vector<glm::dvec3> bordered = borderComponents(samples, heights, moved);
@@ -156,7 +157,7 @@ class ScanRows {
       for (const FidelityViolation& v : control.violations) requests.push_back({v.position_mm});
       constexpr uint32_t kMostPatches = 4096;
       if (auto refined = domain->refine(requests, kMostPatches); refined.ok())
-        addBake(kRefined, mesh, *refined, {.touching = Touching::kFacing}, scene, &many);
+        addBake(kRefined, mesh, onLattice(*refined, base_step_), {.touching = Touching::kFacing}, scene, &many);
     }
     return std::move(rows_);
   }
@@ -164,6 +165,8 @@ class ScanRows {
  private:
   // Within which the surface is made coarse for measuring, in diagonals: as fidelity.cpp has it.
   static constexpr double kGridTolerance = 4e-5;
+  static constexpr double kOfTarget =
+      0.2;  // the step of the base's corners, of the target's RMS, as `relievo build` has it
 
   Fidelity measure(const DisplacementPlanes& planes, MeasuredPlaces* places = nullptr,
                    std::vector<uint32_t>* patches = nullptr) const {
@@ -234,9 +237,9 @@ class ScanRows {
         step = good ? std::min(next, 1.5 * step) : std::min(next, 0.85 * step);
       }
       const DisplacementPlanes planes(samples, components, best.step_mm);
-      best.bits =
-          static_cast<double>(must(planes.bits(bake, kSlight * target_.rms_mm, (folder_ / "plane.relievo").string()))) /
-          vertices_;
+      best.bits = static_cast<double>(must(
+                      planes.bits(bake, kSlight * target_.rms_mm, base_step_, (folder_ / "plane.relievo").string()))) /
+                  vertices_;
       return best;
     };
     const Stepped fine = coarsest(target_.rms_mm, exact.kept());
@@ -287,7 +290,7 @@ class ScanRows {
   std::string name_, file_;
   fs::path folder_;
   FidelityTarget target_;
-  double tolerance_ = 0, vertices_ = 0;
+  double tolerance_ = 0, vertices_ = 0, base_step_ = 0;  // base_step_: of the lattice of the base's corners
   uint64_t samples_ = 0;
   std::unique_ptr<FidelityScan> fidelity_scan_;
   std::vector<Row> rows_;

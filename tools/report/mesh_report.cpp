@@ -65,6 +65,8 @@ std::string headed(double n, std::string what) {
                                   {"faces", "face"},
                                   {"images", "image"},
                                   {"files", "file"},
+                                  {"header lines", "header line"},
+                                  {"corners that name", "corner that names"},
                                   {"that are", "that is"},
                                   {"that run", "that runs"},
                                   {"their", "its"}}) {
