@@ -34,7 +34,7 @@
 #include "tools/commands.h"
 #include "tools/output_files.h"
 #include "tools/report/mesh_report.h"
-#include "tools/scan_surface.h"
+#include "tools/surface_image.h"
 
 namespace relievo {
 namespace {
@@ -133,7 +133,7 @@ class MeshBuild {
   Result<void> run() {
     if (auto done = read(); !done) return done;
     if (auto done = checkArguments(); !done) return done;
-    auto textured = readScanSurface(a_, loaded_.mesh);
+    auto textured = readSurfaceImage(a_, loaded_.mesh);
     if (!textured) return textured.error();
     textured_ = std::move(*textured);
     if (interruptedFlag()) return interrupted(a_);
@@ -218,7 +218,7 @@ class MeshBuild {
   Stages stages_;
   FileProvenance mesh_file_;
   LoadedMesh loaded_;
-  ScanSurface textured_;
+  SurfaceImage textured_;
   std::optional<BackgroundTask<Result<BakeScene>>> bake_scene_;
   std::unique_ptr<BaseDomain> domain_;
   BaseMesh base_;

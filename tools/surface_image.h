@@ -1,4 +1,4 @@
-// scan_surface.h - what lies on a scan's patches: the colours of an image, or a PTM's planes, read whole.
+// surface_image.h - what lies on a scan's patches: the colours of an image, or a PTM's planes, read whole.
 #pragma once
 
 #include <optional>
@@ -12,7 +12,7 @@
 
 namespace relievo {
 
-struct ScanSurface {
+struct SurfaceImage {
   Image8 image;  // channels interleaved: three, or a PTM's planes; empty: the scan has no image
   TextureFormat format{.basis = Basis::kAlbedoNormal};
   std::optional<Provenance> source;  // of a file of its own
@@ -20,6 +20,6 @@ struct ScanSurface {
 // The PTM that is asked for, else the image that is asked for or that the mesh names, else its palette.
 // Errors: kUsage (no texture coordinates, or more than the memory allows), kInvalidData (a PTM of other proportions
 // than the mesh's image), and those of the readers.
-Result<ScanSurface> readScanSurface(const MeshBuildArguments& arguments, const TriMesh& mesh);
+Result<SurfaceImage> readSurfaceImage(const MeshBuildArguments& arguments, const TriMesh& mesh);
 
 }  // namespace relievo

@@ -1,4 +1,4 @@
-#include "tools/scan_surface.h"
+#include "tools/surface_image.h"
 
 #include <sys/mman.h>
 #include <unistd.h>
@@ -107,7 +107,7 @@ Result<void> checkProportions(const MeshBuildArguments& a, const TriMesh& mesh, 
                {}};
 }
 
-Result<ScanSurface> readPtmPlanes(const MeshBuildArguments& a, const TriMesh& mesh) {
+Result<SurfaceImage> readPtmPlanes(const MeshBuildArguments& a, const TriMesh& mesh) {
   if (!hasTextureCoordinates(mesh))
     return Error{ErrorKind::kUsage,
                  a.mesh,
@@ -117,7 +117,7 @@ Result<ScanSurface> readPtmPlanes(const MeshBuildArguments& a, const TriMesh& me
   auto opened = openPtm(a.ptm, {.memory_budget_bytes = a.package.memory_budget_bytes});
   if (!opened) return opened.error();
   const TextureSource& ptm = **opened;
-  ScanSurface out{{}, ptm.format(), ptm.provenance()};
+  SurfaceImage out{{}, ptm.format(), ptm.provenance()};
   const int channels = out.format.channels();
   if (auto fits = checkProportions(a, mesh, ptm.width(), ptm.height()); !fits) return fits.error();
   // With its coarser levels.
@@ -149,11 +149,11 @@ Result<ScanSurface> readPtmPlanes(const MeshBuildArguments& a, const TriMesh& me
 
 }  // namespace
 
-Result<ScanSurface> readScanSurface(const MeshBuildArguments& a, const TriMesh& mesh) {
+Result<SurfaceImage> readSurfaceImage(const MeshBuildArguments& a, const TriMesh& mesh) {
   if (!a.ptm.empty()) return readPtmPlanes(a, mesh);
   auto image = readTexture(a, mesh);
   if (!image) return image.error();
-  ScanSurface out;
+  SurfaceImage out;
   out.image = std::move(*image);
   const bool inner = a.texture.empty() && mesh.texture_path.empty();  // in the mesh's own file, or of its colours
   if (out.image.width > 0 && !inner)
