@@ -511,8 +511,8 @@ TEST(EngineRequestSource, AStillCameraFindsWhatSettlingFinds) {
       full += wanted.size();
       missed += missing(wanted, seen);
       extra += missing(seen, wanted);
+      settled->readPixels();  // waits for the picture, and with it for feedback that may still be under way
       settled->frame(100);
-      // Its last feedback may still be under way.
       for (int more = 1; late && more < 100 && settled->stats().draw_calls != 1; ++more) settled->frame(100 + more);
       EXPECT_EQ(settled->stats().draw_calls, 1u) << "a settled view is shaded: neither geometry nor feedback";
       EXPECT_EQ(nodesOf(settled->textureRequests()), wanted) << "nor forgets what it wants";
