@@ -182,15 +182,13 @@ class MeshBuild {
   Result<bool> useSimplified(std::span<const RefineRequest> requests);
   // Chooses the base of the next bake, after one that missed; false: what there is is kept.
   Result<bool> nextBase(const Fidelity& now, BakeLimit limit, bool better);
-  Result<bool> nextFaces();
+  Result<bool> nextFaces();  // of the scan's own triangles
   // Rounds heights to steps as large as the target allows. fidelity_ is then measured at all places.
   Result<void> chooseStep();
   // cells_log2: BakeOptions::cells_log2, without a fit; -1: all that the target needs.
   Result<void> bake(int cells_log2 = -1);
   FidelityTarget target(double tolerance = 0) const;
-  // Of the lattice that corners of base meshes are moved to before they are baked, in the scan's units: packages need
-  // few bytes for them, and heights make up for it. Where patches are the scan's triangles, there are hardly any.
-  double baseStep() const;
+  double baseStep() const;  // of the lattice of the base's corners (first_base.h), in the scan's units
   // tolerance: in the scan's units; 0 is what was asked for.
   // kRound: at all places, on the fewest blocks (FidelityOptions::soon).
   enum class Places : uint8_t { kAll, kFew, kRound };
@@ -318,9 +316,8 @@ Result<void> MeshBuild::makeBase() {
 }
 
 double MeshBuild::baseStep() const {
-  constexpr double kOfTarget = 0.2;  // of the RMS that is aimed at: hardly seen where heights are 0, too
-  const double diagonal = diagonalOf(loaded_.mesh), finest = diagonal / (kMostPositionSteps / 4);
-  return base_kind_ == BaseKind::kFaces ? finest : std::max(kOfTarget * target().rms_mm, finest);
+  const double diagonal = diagonalOf(loaded_.mesh);
+  return base_kind_ == BaseKind::kFaces ? finestBaseStep(diagonal) : baseStepFor(target().rms_mm, diagonal);
 }
 
 FidelityTarget MeshBuild::target(double tolerance) const {

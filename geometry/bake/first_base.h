@@ -6,6 +6,7 @@
 #include <cstddef>
 #include <cstdint>
 
+#include "src/artwork/base_mesh.h"
 #include "src/base/result.h"
 
 namespace relievo {
@@ -21,6 +22,15 @@ inline constexpr uint32_t kMostPatches = 4096, kFewFaces = 12'288, kMostFaces = 
 constexpr uint32_t mostFacesFirst(double creased) {
   constexpr double kMostlyCreased = 0.5;
   return creased >= kMostlyCreased ? kFewFaces : kMostPatches;
+}
+
+// Of the lattice that corners of base meshes are moved to before they are baked (onLattice()): packages need few bytes
+// for them, and heights make up for it. The finest one is for bases that have hardly any heights.
+constexpr double finestBaseStep(double diagonal) { return diagonal / (kMostPositionSteps / 4); }
+// target_rms: that is aimed at; all lengths in one unit.
+constexpr double baseStepFor(double target_rms, double diagonal) {
+  constexpr double kOfTarget = 0.2;  // hardly seen where heights are 0, too
+  return std::max(kOfTarget * target_rms, finestBaseStep(diagonal));
 }
 
 // Of a first base (BaseDomain::make()): a bake takes long and misses.

@@ -17,6 +17,7 @@
 #include <vector>
 
 #include "geometry/bake/fidelity.h"
+#include "geometry/bake/first_base.h"
 #include "geometry/bake/mesh_bake.h"
 #include "geometry/mesh/mesh_order.h"
 #include "geometry/remesh/base_domain.h"
@@ -121,7 +122,7 @@ class ScanRows {
     fidelity_scan_ = std::make_unique<FidelityScan>(mesh, 0);
     const BakeScene scene = must(makeBakeScene(mesh, {}));
     const std::unique_ptr<BaseDomain> domain = must(BaseDomain::create(mesh));
-    base_step_ = std::max(kOfTarget * target_.rms_mm, diagonalOf(mesh) / (kMostPositionSteps / 4));
+    base_step_ = baseStepFor(target_.rms_mm, diagonalOf(mesh));
     const BaseMesh base = onLattice(must(domain->make()), base_step_);
     auto bake = must(MeshBake::create(mesh, {}, base, {}, scene));
     const DisplacedSamples samples(mesh, *bake);
@@ -165,8 +166,6 @@ class ScanRows {
  private:
   // Within which the surface is made coarse for measuring, in diagonals: as fidelity.cpp has it.
   static constexpr double kGridTolerance = 4e-5;
-  static constexpr double kOfTarget =
-      0.2;  // the step of the base's corners, of the target's RMS, as `relievo build` has it
 
   Fidelity measure(const DisplacementPlanes& planes, MeasuredPlaces* places = nullptr,
                    std::vector<uint32_t>* patches = nullptr) const {
