@@ -200,9 +200,8 @@ struct Engine::Impl {
     }
     v.morph = plan.geomorph;
     v.hysteresis = settling ? 0 : scene.hysteresis;
-    // Over a base mesh alone: a flat artwork settles on the list that its pages lead to in the order in which they
-    // come.
-    v.as_if_resident = settling && all_pages_come && overMesh();
+    // Lists that grow with their pages end in one that depends on the order in which these came.
+    v.as_if_resident = settling && all_pages_come;
     return v;
   }
 
@@ -815,10 +814,13 @@ Result<void> Engine::settle(double timeout_s, bool refined) {
   while (!done && !timedOut()) {
     while (!e.settleGeometry() && !timedOut()) pause();
     bias = e.lod_bias;
+    const uint64_t looked_at = e.list->number();
     if (e.demand->usesFeedback()) e.takeFullFeedback();
     for (int step = 0; !timedOut(); ++step) {
-      // Relief takes part, so that it is not evicted meanwhile; the list stays the same unless it is.
-      bool geometry = e.settleGeometry();
+      // Relief takes part, so that it is not evicted meanwhile. The list stays the same unless it is, or comes late to
+      // a list that grows with it.
+      const bool geometry = e.settleGeometry();
+      if (geometry && e.list->number() != looked_at) break;
       if (geometry && e.streamer().settled() && e.lod_bias == bias &&
           e.allArrived(e.demand->requests(), e.plan.texture_planes)) {
         done = true;
