@@ -533,7 +533,7 @@ Result<bool> MeshBuild::nextBase(const Fidelity& now, BakeLimit limit, bool bett
   if (base_kind_ == BaseKind::kFaces) return nextFaces();
   if (first && base_kind_ == BaseKind::kEven) {
     // Few triangles may be patches themselves: these show the scan as it is.
-    auto done = useFaces(kMostPatches);
+    auto done = useFaces(mostFacesFirst(creased()));
     if (!done || *done) return done;
   }
   std::vector<RefineRequest> requests;
@@ -575,8 +575,6 @@ Result<bool> MeshBuild::nextBase(const Fidelity& now, BakeLimit limit, bool bett
       if (!done || *done) return done;
     }
     requests.clear();  // of another base
-    auto done = useFaces(mostFacesFirst(creased()));
-    if (!done || *done) return done;
   }
   auto done = useSimplified(requests);
   if (!done || *done || fidelity_.excess() <= kFarOff) return done;

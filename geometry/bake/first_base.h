@@ -15,10 +15,10 @@ namespace relievo {
 // triangles show what nothing else does, and are worth more of them.
 inline constexpr uint32_t kMostPatches = 4096, kFewFaces = 12'288, kMostFaces = 65'536;
 
-// So many patches of the scan's own triangles come before simplified ones. creased: the share of triangles beside a
-// crease. Where they are most, as of machines' parts, kFewFaces take fewer bytes than kMostPatches of simplified ones
-// (of nine public scans a quarter to nine tenths; elsewhere up to twice as many), since a crease across a patch takes
-// pages of normals.
+// So many patches of the scan's own triangles come before smaller and simplified ones. creased: the share of triangles
+// beside a crease. Where they are most, as of machines' parts, kFewFaces take fewer bytes than kMostPatches of
+// simplified ones (of nine public scans a quarter to nine tenths; elsewhere up to twice as many), since a crease across
+// a patch takes pages of normals.
 constexpr uint32_t mostFacesFirst(double creased) {
   constexpr double kMostlyCreased = 0.5;
   return creased >= kMostlyCreased ? kFewFaces : kMostPatches;
