@@ -6,6 +6,7 @@
 #include <utility>
 #include <vector>
 
+#include "geometry/mesh/triangle_point.h"
 #include "src/artwork/patch_domain.h"
 #include "src/base/simd_dispatch.h"
 
@@ -67,7 +68,7 @@ class PatchLines {
       : context_(&context),
         baked_(&baked),
         patch_(patch),
-        likely_(4 * deviation_mm + baked.scale_mm),
+        likely_(4 * deviation_mm + baked.step * baked.scale_mm),
         cells_(size_t{1} << baked.cells_log2),
         q_((cells_ + 1) * (cells_ + 1)) {
     baked.gather(context, patch, q_);
@@ -92,13 +93,12 @@ class PatchLines {
 
 struct TexelBaker {
   const BakeContext& context;
-  const BakedHeights& baked;
   const BakeTexture& texture;
 
   glm::vec2 textureCoordinatesAt(const SurfacePoint& at) const;
   ColourNormal colourNormalAt(const SurfacePoint& at) const;
   // False: the bake was interrupted.
-  bool bakePlanes(uint32_t patch, std::span<uint8_t> out) const;
+  bool bakePlanes(const PatchLines& lines, std::span<uint8_t> out) const;
   template <class Use>
   bool sampleSurface(const PatchLines& lines, const SampleGrid& grid, Use use) const;
   // Moves samples on the patch's sides beside a crease into the patch. tile: the samples [x0, x1) x [y0, y1).
@@ -108,10 +108,23 @@ struct TexelBaker {
   // between two colours of a palette.
   bool sharpenCells(const PatchLines& lines, const SampleGrid& grid, const SampleBand& samples, size_t first,
                     size_t end, std::span<uint8_t> out) const;
-  SurfacePoint pointOf(const LineBatch& batch, size_t line) const {
-    return batch.hits[line] ? batch.hits[line] : context.scene->closestPoint(batch.lines[line].at);
-  }
+  SurfacePoint pointOf(const LineBatch& batch, size_t line) const;
 };
+
+// Where corners' normals oppose one another, as at a sheet that folds back on itself, lines between them run along the
+// patch, or through it from behind, and meet another sheet: far away, or one that faces opposite to the base. There the
+// line through the patch itself is taken, if it meets the scan where the drawn surface is likely to be.
+SurfacePoint TexelBaker::pointOf(const LineBatch& batch, size_t i) const {
+  constexpr double kOpposite = -0.5;  // as BakeContext::touchingPoint()
+  const Line& line = batch.lines[i];
+  const SurfacePoint found = batch.hits[i] ? batch.hits[i] : context.scene->closestPoint(line.at);
+  const TriangleCorners t = cornersOf(*context.mesh, found.triangle);
+  const glm::dvec3 up = batch.baseNormal(i), normal = glm::cross(t.b - t.a, t.c - t.a);
+  const bool near = batch.hits[i] && std::abs(found.along) <= line.likely;
+  if (near && !(glm::dot(normal, up) < kOpposite * glm::length(normal))) return found;
+  const SurfacePoint own = context.scene->nearestOnLine({line.at, up, line.likely, line.likely}, Facing::kAlong);
+  return own ? own : found;
+}
 
 glm::vec2 TexelBaker::textureCoordinatesAt(const SurfacePoint& at) const {
   const auto& uv = context.mesh->corner_uv[at.triangle];
@@ -122,11 +135,10 @@ glm::vec2 TexelBaker::textureCoordinatesAt(const SurfacePoint& at) const {
 // Samples the image at each texel. Image detail finer than a texel is averaged by its mip levels. The level follows
 // from the number of image texels for each mm of the triangle, since (u, v) of neighbouring texels may lie in different
 // parts of the image.
-bool TexelBaker::bakePlanes(uint32_t patch, std::span<uint8_t> out) const {
-  const size_t side = size_t{kPagePx} << texture.depth, n = size_t{1} << baked.cells_log2;
+bool TexelBaker::bakePlanes(const PatchLines& lines, std::span<uint8_t> out) const {
+  const uint32_t patch = lines.patch();
+  const size_t side = size_t{kPagePx} << texture.depth;
   const auto channels = static_cast<size_t>(texture.image.channels());
-  std::vector<uint16_t> q((n + 1) * (n + 1));
-  baked.gather(context, patch, q);
   const auto& c = context.base.patches[patch];
   double perimeter_mm = 0;
   for (const auto& [a, b] : kSideCorners)
@@ -142,14 +154,12 @@ bool TexelBaker::bakePlanes(uint32_t patch, std::span<uint8_t> out) const {
       const size_t x = x0 + i % (x1 - x0), y = y0 + i / (x1 - x0);
       const double u = (static_cast<double>(x) + 0.5) / static_cast<double>(side),
                    v = (static_cast<double>(y) + 0.5) / static_cast<double>(side);
-      const BasePoint f = context.patchPoint(patch, u, v);
-      const double height = baked.offset_mm + baked.scale_mm * interpolateOnGrid(q, n, u, v);
-      batch.add(lineThrough({f.position + height * f.normal, f.normal}, context.patch_reach[patch]), u, v, height);
+      lines.add(batch, context.patchPoint(patch, u, v), u, v);
     }
     context.intersect(batch);
     for (size_t l = 0; l < batch.lines.size(); ++l) {
       const size_t x = x0 + l % (x1 - x0), y = y0 + l / (x1 - x0);
-      const SurfacePoint at = batch.hits[l] ? batch.hits[l] : context.scene->closestPoint(batch.lines[l].at);
+      const SurfacePoint at = pointOf(batch, l);
       const auto& t = context.mesh->triangles[at.triangle];
       const auto& uv = context.mesh->corner_uv[at.triangle];
       const glm::vec3 &p = context.mesh->positions_mm[t[0]], e = context.mesh->positions_mm[t[1]] - p,
@@ -418,11 +428,11 @@ void chooseTextureResolution(const BakeContext& context, int requested_depth, Ba
 
 bool bakeTexels(const BakeContext& context, const BakedHeights& baked, const BakeTexture& texture, double deviation_mm,
                 uint32_t patch, std::span<uint8_t> out) {
-  const TexelBaker baker{context, baked, texture};
-  if (texture.planes) return baker.bakePlanes(patch, out);
+  const TexelBaker baker{context, texture};
+  const PatchLines lines(context, baked, deviation_mm, patch);
+  if (texture.planes) return baker.bakePlanes(lines, out);
   const SampleGrid grid(texture);
   std::vector<float> row_samples(grid.row * (kTexelChannels + 1)), values(grid.side * kTexelChannels);
-  const PatchLines lines(context, baked, deviation_mm, patch);
   const bool coloured = !texture.image.empty() || !context.mesh->colours.empty();
   const size_t first = coloured ? 0 : kFirstOfNormal;
   std::fill_n(out.begin(), first * grid.side * grid.side, kGrey);

@@ -74,11 +74,11 @@ BetweenSamples BakedHeights::betweenSamples(const BakeContext& context, uint32_t
   std::vector<uint16_t> q(row * row);
   gather(context, patch, q);
   const auto [low, high] = std::minmax_element(q.begin(), q.end());
-  int step = 0;  // the largest along a side of a cell
+  int largest_step = 0;  // along a side of a cell
   for (size_t y = 0; y <= n; ++y)
     for (size_t x = 0; x <= n; ++x) {
-      if (x < n) step = std::max(step, std::abs(q[y * row + x + 1] - q[y * row + x]));
-      if (y < n) step = std::max(step, std::abs(q[(y + 1) * row + x] - q[y * row + x]));
+      if (x < n) largest_step = std::max(largest_step, std::abs(q[y * row + x + 1] - q[y * row + x]));
+      if (y < n) largest_step = std::max(largest_step, std::abs(q[(y + 1) * row + x] - q[y * row + x]));
     }
   std::array<BasePoint, 4> c;
   for (size_t k = 0; k < 4; ++k) c[k] = context.cornerPoint(context.base.patches[patch][k]);
@@ -92,9 +92,9 @@ BetweenSamples BakedHeights::betweenSamples(const BakeContext& context, uint32_t
   out.twist_mm = twist(&BasePoint::position) + largest * twist(&BasePoint::normal);
   // The product of two linear functions is within a third of the product of their ranges of the linear one. Along the
   // diagonal both may change by what they change along two sides.
-  out.product_mm = 2.0 * step * scale_mm * std::ldexp(along_u + along_v, -cells_log2) / 3;
-  // Heights that are rounded by a step move points along normals, of length 1 within 1e-3, and change that product:
-  // both ends of a range, over cells of at most half the patch.
+  out.product_mm = 2.0 * largest_step * scale_mm * std::ldexp(along_u + along_v, -cells_log2) / 3;
+  // Heights that are rounded by a step move points along normals, of length 1 within 1e-3, and change that
+  // product: both ends of a range, over cells of at most half the patch.
   out.rounding_mm = same ? 0 : scale_mm * (1.01 + (along_u + along_v) / 3);
   // No mix of the corners' normals is shorter along their mean than the shortest.
   glm::dvec3 mean(0);
@@ -121,10 +121,10 @@ void BakedHeights::grid(const BakeContext& context, uint32_t patch, int log2, st
   std::vector<uint16_t> samples_of_patch((n + 1) * (n + 1));
   gather(context, patch, samples_of_patch);
   if (log2 < cells_log2) {
-    const size_t cells = size_t{1} << log2, step = n / cells;
+    const size_t cells = size_t{1} << log2, apart = n / cells;
     for (size_t y = 0; y <= cells; ++y)
-      for (size_t x = 0; x <= cells; ++x) out[y * (cells + 1) + x] = samples_of_patch[(y * (n + 1) + x) * step];
-  } else if (stepped) {
+      for (size_t x = 0; x <= cells; ++x) out[y * (cells + 1) + x] = samples_of_patch[(y * (n + 1) + x) * apart];
+  } else if (step > 1) {
     refine(samples_of_patch, cells_log2, log2, out);
   } else {
     interpolate(samples_of_patch, cells_log2, log2, out);

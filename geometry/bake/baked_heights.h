@@ -18,7 +18,7 @@ struct BakedHeights {
   int cells_log2 = 0;
   double offset_mm = 0, scale_mm = 0;
   std::vector<uint16_t> samples;
-  bool stepped = false;  // they are steppedHeights(): between them lies what its rule says
+  int step = 1;  // more: they are steppedHeights(), whose rule says what lies between them
 
   BakedHeights() = default;
   // heights: not empty.

@@ -208,14 +208,14 @@ Result<void> MeshBake::setStep(double step_mm) {
   auto made = step > 1 ? steppedHeights(b.context, b.exact, b.baked.cells_log2, step) : std::optional(b.exact);
   if (!made) return interruptedError();
   b.baked.samples = std::move(*made);
-  b.baked.stepped = step > 1;
+  b.baked.step = step;
   b.errors.clear();
   return b.always_errors ? findErrors() : Result<void>();
 }
 
 double MeshBake::stepChangeMm() const {
   const Impl& b = *impl_;
-  if (!b.baked.stepped) return 0;
+  if (b.baked.step == 1) return 0;
   return b.baked.scale_mm * rmsOfChange(b.context, b.exact, b.baked.samples, b.baked.cells_log2);
 }
 

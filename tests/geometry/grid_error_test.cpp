@@ -87,7 +87,7 @@ struct RoughPatch {
     std::vector<float> heights(context->layout.count(m));
     for (float& h : heights) h = static_cast<float>(1 + rough_mm * unit(random));
     baked = BakedHeights(heights, cells_log2);
-    baked.stepped = stepped;
+    baked.step = stepped ? 2 : 1;
   }
 };
 

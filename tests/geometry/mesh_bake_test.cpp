@@ -632,6 +632,54 @@ TEST(MeshBake, aBaseOnTheScanKeepsItsPlaceWhateverItsNormals) {
   EXPECT_GT(highestOf(Touching::kFacing, 0), 5) << "the shape no longer shows the difference";
 }
 
+// A box as its own base again; steps, of which a sheet beside it needs some, draw it beside the scan. Lines upwards
+// from its bottom and its walls, which lean outwards, meet its top: from behind where the box is thin, far away where
+// it is not. Each patch shows itself all the same.
+TEST(MeshBake, texelsAreOfTheSheetThatThePatchCovers) {
+  for (const float high : {0.05f, 10.0f}) {
+    TriMesh mesh;
+    for (int k = 0; k < 8; ++k) {
+      const float lean = k & 4 ? 0.2f * high : 0;
+      mesh.positions_mm.push_back({k & 1 ? 30 + lean : -lean, k & 2 ? 20 + lean : -lean, k & 4 ? high : 0});
+    }
+    mesh.triangles = {{0, 2, 3}, {0, 3, 1}, {4, 5, 7}, {4, 7, 6}, {0, 1, 5}, {0, 5, 4},
+                      {1, 3, 7}, {1, 7, 5}, {3, 2, 6}, {3, 6, 7}, {2, 0, 4}, {2, 4, 6}};
+    for (int k = 0; k < 4; ++k) mesh.positions_mm.push_back({k & 1 ? 130 : 100, k & 2 ? 20 : 0, 0});
+    mesh.triangles.insert(mesh.triangles.end(), {{8, 9, 11}, {8, 11, 10}});
+    auto surface = makeSurface(mesh.positions_mm, mesh.triangles);
+    ASSERT_TRUE(surface.ok());
+    BaseMesh base = facesBase(*surface, 100);
+    ASSERT_EQ(base.patches.size(), 7u);
+    for (BaseCorner& c : base.corners) {
+      c.normal = {0, 0, 1};
+      if (c.position_mm.x >= 100) c.position_mm.z = c.position_mm.x > 100 ? 0.07f : -0.35f;
+    }
+    constexpr double kTouch = 1e-3;
+    const auto baked = bake(mesh, base, {.cells_log2 = 2, .fit = false, .touch_mm = kTouch});
+    ASSERT_TRUE(baked && baked->setStep(0.2));
+    std::vector<uint8_t> texels(6 * 128 * 128);
+    size_t tried = 0;
+    for (uint32_t p = 0; p < base.patches.size(); ++p) {
+      const auto& corners = base.patches[p];
+      std::array<glm::dvec3, 4> at;
+      for (size_t k = 0; k < 4; ++k) at[k] = mesh.positions_mm[corners[k]];
+      const glm::dvec3 own = glm::normalize(glm::cross(at[2] - at[1], at[3] - at[0]));
+      if (corners[0] >= 8 || (high < 1 && std::abs(own.z) < 0.5)) continue;  // walls that are lower than a step
+      const Heights q = heightsOf(*baked, p);
+      ASSERT_GT(std::abs(baked->reliefOffsetMm() + baked->reliefScaleMm() * q[64 * 129 + 64]), 2 * kTouch)
+          << "not beside";
+      ++tried;
+      ASSERT_TRUE(baked->textureDepth() == 0 && baked->texels(p, texels));
+      for (size_t y = 1; y < 127; ++y)
+        for (size_t x = 1; x < 127; ++x)
+          for (size_t c = 0; c < 3; ++c)
+            ASSERT_NEAR(texels[((3 + c) * 128 + y) * 128 + x], 127.5 * (1 + own[static_cast<int>(c)]), 1)
+                << "patch " << p << ", texel " << x << " " << y << ", height " << high;
+    }
+    EXPECT_EQ(tried, high < 1 ? 2u : 6u);
+  }
+}
+
 TEST(MeshBake, needlesDoNoHarm) {
   // Triangles 10,000 times as long as wide.
   auto z = [](double x, double y) { return 0.1 * x + 0.2 * y; };

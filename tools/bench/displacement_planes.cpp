@@ -185,7 +185,7 @@ DisplacementPlanes::DisplacementPlanes(const DisplacedSamples& samples, std::spa
     : samples_(samples) {
   const BakeContext& context = samples.context;
   auto round = [&](BakedHeights& plane, int step) {
-    plane.stepped = step > 1;
+    plane.step = step;
     if (step > 1) plane.samples = *steppedHeights(context, plane.samples, plane.cells_log2, step);
   };
   std::vector<float> heights(components.size());
