@@ -177,10 +177,11 @@ void SceneOptions::addAccuracy(CLI::App& c) {
       ->capture_default_str();
   c.add_option("--sampling", sampling,
                "Texels and levels a pixel reads: nearest (one texel), bilinear (four of the nearest level), trilinear "
-               "(two levels) or anisotropic (several trilinear taps: sharp at grazing angles)")
-      ->check(CLI::IsMember({"nearest", "bilinear", "trilinear", "anisotropic"}))
+               "(two levels), anisotropic (several trilinear taps: sharp at grazing angles) or auto (anisotropic where "
+               "a scan's patches are stretched, in a window while the camera stands still; else trilinear)")
+      ->check(CLI::IsMember({"nearest", "bilinear", "trilinear", "anisotropic", "auto"}))
       ->capture_default_str();
-  c.add_option("--anisotropy", anisotropy, "Taps a pixel at most, with --sampling anisotropic")
+  c.add_option("--anisotropy", anisotropy, "Taps a pixel at most, with --sampling anisotropic or auto")
       ->check(CLI::Range(1, kMaxAnisotropy))
       ->capture_default_str();
   c.add_option(
@@ -475,7 +476,8 @@ Result<Scene> SceneOptions::scene() const {
   s.sampling = sampling == "bilinear"      ? Sampling::kBilinear
                : sampling == "nearest"     ? Sampling::kNearest
                : sampling == "anisotropic" ? Sampling::kAnisotropic
-                                           : Sampling::kTrilinear;
+               : sampling == "trilinear"   ? Sampling::kTrilinear
+                                           : Sampling::kAuto;
   s.anisotropy = anisotropy;
   s.samples = samples;
   s.filter = filter == "fast" ? Filter::kFast : Filter::kExact;

@@ -22,7 +22,7 @@ struct SceneOptions {
   std::optional<double> azimuth, elevation, distance, fov, mm_per_px;
   bool orthographic = false, perspective = false;  // neither: the state's
   std::string scene_file, target, light, lights, state_file, settings_file, shading, show = "none", filter = "exact",
-                                                                                     sampling = "trilinear";
+                                                                                     sampling = "auto";
   bool no_relief = false, no_relight = false, unlit = false, wireframe = false, shadows = false;
   double light_size_deg = 0, ambient_occlusion = 0;
   Gloss gloss;

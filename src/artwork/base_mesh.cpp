@@ -97,4 +97,23 @@ std::string baseMeshProblem(const BaseMesh& mesh) {
   return {};
 }
 
+bool isStretched(const BaseMesh& mesh) {
+  constexpr double kStretch = 3, kShare = 0.1;
+  constexpr size_t kMostPatches = 2048;
+  const size_t apart = mesh.patches.size() / kMostPatches + 1;
+  double area = 0, stretched = 0;
+  for (size_t i = 0; i < mesh.patches.size(); i += apart) {
+    std::array<glm::dvec3, 4> p;
+    for (size_t k = 0; k < 4; ++k) p[k] = mesh.corners[mesh.patches[i][k]].position_mm;
+    const glm::dvec3 u = p[1] - p[0] + p[3] - p[2], v = p[2] - p[0] + p[3] - p[1];
+    const double uu = glm::dot(u, u), vv = glm::dot(v, v), uv = glm::dot(u, v);
+    // Squares of a square's half axes, as space sees it.
+    const double mean = 0.5 * (uu + vv), apart_by = std::sqrt(0.25 * (uu - vv) * (uu - vv) + uv * uv);
+    const double own = std::sqrt(std::max(0.0, uu * vv - uv * uv));
+    area += own;
+    if (mean + apart_by > kStretch * kStretch * (mean - apart_by)) stretched += own;
+  }
+  return area > 0 && stretched >= kShare * area;
+}
+
 }  // namespace relievo

@@ -46,6 +46,10 @@ struct BaseMesh {
   }
 };
 
+// Are texels, which are squares in (u, v), more than three times as long as wide in space over a tenth of the base's
+// area or more? As of a scan's own long triangles. Looks at 2,048 patches at most, at their middles.
+bool isStretched(const BaseMesh& mesh);
+
 // The corner slots of a side's two ends, in the direction of growing u or v.
 inline constexpr std::array<std::array<int, 2>, 4> kSideCorners{{{0, 2}, {1, 3}, {0, 1}, {2, 3}}};  // by Side
 

@@ -9,6 +9,15 @@
 
 namespace relievo {
 
+namespace {
+
+Sampling samplingOver(const BaseMesh* base, Sampling wanted) {
+  if (wanted != Sampling::kAuto) return wanted;
+  return base && isStretched(*base) ? Sampling::kAnisotropic : Sampling::kTrilinear;
+}
+
+}  // namespace
+
 EffectPlan planEffects(const Scene& scene, const Manifest& manifest) {
   EffectPlan plan;
   plan.relief = scene.relief && manifest.domain.relief_depth >= 0 && scene.exaggerate != 0;
@@ -41,7 +50,7 @@ EffectPlan planEffects(const Scene& scene, const Manifest& manifest) {
   }
   plan.geomorph = scene.geomorph && (plan.mesh || plan.relief);
   // Without pages nothing is sampled: one variant serves all of these settings.
-  plan.sampling = plan.readsTexture() ? scene.sampling : Sampling::kBilinear;
+  plan.sampling = plan.readsTexture() ? samplingOver(manifest.base.get(), scene.sampling) : Sampling::kBilinear;
   if (plan.sampling == Sampling::kAnisotropic) plan.anisotropy = std::clamp(scene.anisotropy, 1, kMaxAnisotropy);
   plan.fade = scene.page_fade_s > 0 && plan.readsTexture();
   // The texture unit's weights of 8 bits are too coarse for numbers of 16.

@@ -24,8 +24,9 @@ namespace relievo {
 enum class Filter { kExact, kFast };
 // How many texels and levels a pixel samples. kNearest: the nearest texel of the nearest level. kBilinear: four texels
 // of it. kTrilinear: four texels of two levels, blended. kAnisotropic: up to Scene::anisotropy such taps along the
-// major axis of the pixel's footprint, from levels that follow the minor one (shaders/texture_lookup.glsl).
-enum class Sampling { kNearest, kBilinear, kTrilinear, kAnisotropic };
+// major axis of the pixel's footprint, from levels that follow the minor one (shaders/texture_lookup.glsl). kAuto:
+// kAnisotropic over a base mesh with stretched patches, along which trilinear taps would blur; else kTrilinear.
+enum class Sampling { kNearest, kBilinear, kTrilinear, kAnisotropic, kAuto };
 inline constexpr int kMaxAnisotropy = 8;
 inline constexpr double kMaxSceneDetailBias = 6;
 
@@ -100,7 +101,7 @@ struct EffectPlan {
   ReliefShading::Kind shading = ReliefShading::Kind::kNone;
   double curvature_radius_mm = 0;  // of kCurvature, of a flat artwork
   bool resolve = false;            // coefficient pages are resolved to colour under a fixed light, on the workers
-  Sampling sampling = Sampling::kTrilinear;
+  Sampling sampling = Sampling::kTrilinear;  // never kAuto
   int anisotropy = 1;
   bool fade = false, wireframe = false;
   // Shadows; does a light have a size, and a near one; is the share of sky computed?

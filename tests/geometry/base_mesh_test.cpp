@@ -101,5 +101,27 @@ TEST(BaseMesh, ProblemsByName) {
   EXPECT_EQ(problem([](BaseMesh& m) { m.corners[3].normal = {0, 0, 1.0005f}; }), "");
 }
 
+TEST(BaseMesh, StretchedIsWhatSpaceSeesAsLong) {
+  auto scaled = [](float x, float y, float shear) {
+    BaseMesh m = twoPatches();
+    for (BaseCorner& c : m.corners) {
+      glm::vec3& p = c.position_mm;
+      p = {x * p.x + shear * p.y, y * p.y, p.x};  // that it leans changes nothing
+    }
+    return m;
+  };
+  EXPECT_FALSE(isStretched(scaled(1, 1, 0)));
+  EXPECT_FALSE(isStretched(scaled(2.5f, 1, 0)));
+  EXPECT_TRUE(isStretched(scaled(3.5f, 1, 0)));
+  EXPECT_TRUE(isStretched(scaled(1, 10, 0)));
+  EXPECT_TRUE(isStretched(scaled(1, 1, 6))) << "sides of one length, but along one another";
+  // A patch counts by its area.
+  for (const float right : {1.2f, 1.02f}) {
+    BaseMesh m = twoPatches();
+    for (size_t k : {2, 5}) m.corners[k].position_mm.x = right;
+    EXPECT_EQ(isStretched(m), right > 1.1f);
+  }
+}
+
 }  // namespace base_mesh_test
 }  // namespace relievo

@@ -368,6 +368,22 @@ TEST(ScenePlan, NamesWhatIsOnAndNothingElse) {
   EXPECT_EQ(partNames(lit, ptm), (std::vector<std::string>{"light", "lights"}));
   lit.lights[0].color = {1, 1, 1};
   EXPECT_EQ(partNames(lit, ptm), (std::vector<std::string>{"light"}));
+  // What is anisotropic where patches are stretched costs that there.
+  Scene usual = plain;
+  usual.sampling = Sampling::kAuto;
+  EXPECT_EQ(partNames(usual, ptm), (std::vector<std::string>{"light", "trilinear"}));
+  for (const float length : {2.0f, 4.0f}) {
+    Manifest scan = manifestOf(Basis::kAlbedoNormal, 2);
+    BaseMesh base;
+    for (float y : {0.0f, -1.0f})
+      for (float x : {0.0f, length}) base.corners.push_back({{x, y, 0}, {0, 0, 1}});
+    base.patches = {{0, 1, 2, 3}};
+    scan.base = std::make_shared<const BaseMesh>(base);
+    scan.domain = PatchDomain::overMesh(1, {});
+    EXPECT_EQ(planEffects(usual, scan).sampling, length > 3 ? Sampling::kAnisotropic : Sampling::kTrilinear);
+    EXPECT_EQ(partNames(usual, scan).back(), length > 3 ? "anisotropic" : "trilinear");
+    EXPECT_EQ(planEffects(Scene{}, scan).sampling, Sampling::kTrilinear) << "as asked for";
+  }
   // Shadows of a light with a size cost more than hard ones.
   const Manifest raised = manifestOf(Basis::kPtmLrgb, 2);
   lit.relief = lit.shadows = true;

@@ -68,9 +68,11 @@ std::vector<Candidate> candidates() {
 
 }  // namespace
 
-std::vector<ScenePart> partsOf(const Scene& scene, const Manifest& manifest) {
+std::vector<ScenePart> partsOf(const Scene& of, const Manifest& manifest) {
   std::vector<ScenePart> parts;
+  Scene scene = of;
   const EffectPlan whole = planEffects(scene, manifest);
+  if (scene.sampling == Sampling::kAuto && whole.readsTexture()) scene.sampling = whole.sampling;
   for (const Candidate& candidate : candidates()) {
     ScenePart part{candidate.name, candidate.meaning, scene};
     candidate.leave(part.without);
