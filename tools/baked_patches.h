@@ -35,6 +35,7 @@ class BakedPatches final : public PatchSource {
   const BaseMesh& base() const override { return base_; }
   double baseStepMm() const override { return step_mm_; }
   int textureDepth() const override { return bake_.textureDepth(); }
+  int textureDepthOf(uint32_t patch) const override { return bake_.textureDepthOf(patch); }
   int reliefDepth() const override { return bake_.reliefDepth(); }
   TextureFormat format() const override { return format_; }
   double reliefOffsetMm() const override { return bake_.reliefOffsetMm() * mm_; }

@@ -172,8 +172,9 @@ void printSize(const Contents& c) {
   printOutf("%s\n", printable(c.file).c_str());
   if (!m.domain.isFlat()) {
     const auto [low, high] = extentMm(*m.base);
-    printOutf("  size      %.6g x %.6g x %.6g mm between its corners, %.6g mm per px in the mean\n", high.x - low.x,
-              high.y - low.y, high.z - low.z, m.domain.mm_per_px);
+    printOutf(
+        "  size      %.6g x %.6g x %.6g mm between its corners, %.6g mm per px of the finest texture in the mean\n",
+        high.x - low.x, high.y - low.y, high.z - low.z, m.domain.mm_per_px);
     printOutf("%s", meshText(meshOf(c.package)).c_str());
     return;
   }
@@ -214,7 +215,7 @@ void printMeaning(const Contents& c) {
 void printPages(const Contents& c) {
   const Manifest& m = c.package.manifest();
   const PatchDomain& d = m.domain;
-  printOutf("  patches   %u, of %llu px of texture a side\n", d.patchCount(),
+  printOutf("  patches   %u, of %s%llu px of texture a side\n", d.patchCount(), d.textureDepths() ? "up to " : "",
             static_cast<unsigned long long>(d.patchPx()));
   printOutf("  pages     %llu in %.1f MiB (%.2f bytes per pixel)\n", static_cast<unsigned long long>(m.page_count),
             static_cast<double>(c.package.fileBytes()) / (1 << 20), c.bytesPerPx());

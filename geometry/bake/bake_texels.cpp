@@ -13,7 +13,6 @@
 namespace relievo {
 namespace {
 
-constexpr uint64_t kMaxTexels = uint64_t{64} << 20;
 constexpr int kTexelChannels = 6, kFirstOfNormal = 3;
 constexpr uint8_t kGrey = 200;
 using ColourNormal = std::array<float, kTexelChannels>;  // colour, 0 to 255, then the normal's x, y, z
@@ -23,10 +22,10 @@ struct SampleGrid {
   size_t side;  // texels
   bool per_texel;
   size_t cells, row;
-  SampleGrid(const BakeTexture& texture)
-      : side(size_t{kPagePx} << texture.depth),
-        per_texel((size_t{1} << texture.sample_grid_log2) >= side),
-        cells(per_texel ? side : size_t{1} << texture.sample_grid_log2),
+  SampleGrid(const PatchResolution& resolution)
+      : side(size_t{kPagePx} << resolution.depth),
+        per_texel((size_t{1} << resolution.sample_grid_log2) >= side),
+        cells(per_texel ? side : size_t{1} << resolution.sample_grid_log2),
         row(per_texel ? side : cells + 1) {}
 };
 
@@ -137,7 +136,7 @@ glm::vec2 TexelBaker::textureCoordinatesAt(const SurfacePoint& at) const {
 // parts of the image.
 bool TexelBaker::bakePlanes(const PatchLines& lines, std::span<uint8_t> out) const {
   const uint32_t patch = lines.patch();
-  const size_t side = size_t{kPagePx} << texture.depth;
+  const size_t side = size_t{kPagePx} << texture.of_patch[patch].depth;
   const auto channels = static_cast<size_t>(texture.image.channels());
   const auto& c = context.base.patches[patch];
   double perimeter_mm = 0;
@@ -395,43 +394,12 @@ bool TexelBaker::sharpenCells(const PatchLines& lines, const SampleGrid& grid, c
 
 }  // namespace
 
-void chooseTextureResolution(const BakeContext& context, int requested_depth, BakeTexture& texture) {
-  const bool from_image = !texture.image.empty() && !texture.palette;
-  const double vertices = static_cast<double>(context.mesh->positions_mm.size()),
-               patches = static_cast<double>(context.layout.patches);
-  // Texels are twice as dense along u and v as what they are sampled from.
-  double samples = 4 * vertices;
-  if (from_image) {
-    double uv_area = 0;
-    for (const auto& uv : context.mesh->corner_uv) {
-      const glm::dvec2 a = uv[1] - uv[0], b = uv[2] - uv[0];
-      uv_area += 0.5 * std::abs(a.x * b.y - a.y * b.x);
-    }
-    if (uv_area > 0) samples = uv_area * texture.image.width() * texture.image.height();
-  }
-  int& depth = texture.depth = requested_depth;
-  if (depth < 0) {
-    depth = 0;
-    auto texels = [&](int d) { return std::ldexp(patches, 2 * (kPageCellsLog2 + d)); };
-    while (texels(depth) < samples && texels(depth + 1) < static_cast<double>(kMaxTexels)) ++depth;
-  }
-  // Vertex colours are linear over the scan's triangles, so that a grid somewhat finer than these captures them. If it
-  // is hardly finer, creases show; half a million samples take a quarter of a second.
-  double grid_points = std::max(2 * vertices, std::min(16 * vertices, 524'288.0));
-  if (texture.palette) grid_points *= 4;  // no cell's corners show a triangle that lies between them
-  const int texels_log2 = kPageCellsLog2 + depth;
-  texture.sample_grid_log2 = 1;
-  while (texture.sample_grid_log2 < texels_log2 && std::ldexp(patches, 2 * texture.sample_grid_log2) < grid_points)
-    ++texture.sample_grid_log2;
-  if (from_image) texture.sample_grid_log2 = texels_log2;
-}
-
 bool bakeTexels(const BakeContext& context, const BakedHeights& baked, const BakeTexture& texture, double deviation_mm,
                 uint32_t patch, std::span<uint8_t> out) {
   const TexelBaker baker{context, texture};
   const PatchLines lines(context, baked, deviation_mm, patch);
   if (texture.planes) return baker.bakePlanes(lines, out);
-  const SampleGrid grid(texture);
+  const SampleGrid grid(texture.of_patch[patch]);
   std::vector<float> row_samples(grid.row * (kTexelChannels + 1)), values(grid.side * kTexelChannels);
   const bool coloured = !texture.image.empty() || !context.mesh->colours.empty();
   const size_t first = coloured ? 0 : kFirstOfNormal;

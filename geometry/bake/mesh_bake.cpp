@@ -16,6 +16,7 @@
 #include "geometry/bake/height_steps.h"
 #include "geometry/bake/line_rasteriser.h"
 #include "geometry/bake/mip_image.h"
+#include "geometry/bake/texture_resolution.h"
 #include "geometry/mesh/ray_scene.h"
 #include "src/base/parallel_for.h"
 
@@ -151,6 +152,7 @@ MeshBake::~MeshBake() = default;
 const BaseMesh& MeshBake::base() const { return impl_->context.base; }
 const BakeReport& MeshBake::report() const { return impl_->report; }
 int MeshBake::textureDepth() const { return impl_->report.texture_depth; }
+int MeshBake::textureDepthOf(uint32_t patch) const { return impl_->texture.of_patch[patch].depth; }
 int MeshBake::reliefDepth() const { return impl_->baked.reliefDepth(); }
 double MeshBake::reliefOffsetMm() const { return impl_->baked.offset_mm; }
 double MeshBake::reliefScaleMm() const { return impl_->baked.scale_mm; }
@@ -189,7 +191,7 @@ Result<std::unique_ptr<MeshBake>> MeshBake::create(const TriMesh& mesh, const Im
   auto baked = searchHeights(impl->context, options, impl->report);
   if (!baked) return baked.error();
   impl->baked = std::move(*baked);
-  chooseTextureResolution(impl->context, options.texture_depth, impl->texture);
+  if (!chooseTextureResolution(impl->context, options.texture_depth, impl->texture)) return interruptedError();
   impl->report.texture_depth = impl->texture.depth;
   impl->always_errors = options.errors;
   if (options.errors && !impl->findErrors([&](double done) { progress(0.9 + 0.1 * done); })) return interruptedError();

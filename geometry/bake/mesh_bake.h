@@ -52,7 +52,7 @@ struct BakeOptions {
   // False: errorsOfGrid(), errorOfGrid() and errorUnitMm() are known once findErrors() was called. For bakes that are
   // measured, and may be dropped.
   bool errors = true;
-  int texture_depth = -1;  // a patch has 128 << this texels a side; -1: as fine as the colours
+  int texture_depth = -1;  // a patch has 128 << this texels a side; -1: each is as fine as the colours there
   int workers = 0;         // 0: one for each core
   std::function<void(double /*0..1*/)> progress;
   const std::atomic<bool>* interrupted = nullptr;  // also stops texels()
@@ -127,6 +127,7 @@ class MeshBake {
   // 7, values between samples are interpolated on the cells' triangles, with the same rounding from both sides of a
   // patch's border.
   int textureDepth() const;
+  int textureDepthOf(uint32_t patch) const;
   int reliefDepth() const;
   double reliefOffsetMm() const;
   double reliefScaleMm() const;

@@ -940,6 +940,57 @@ TEST(MeshBake, imagesAreLookedUpFromTheirLowerLeftCorner) {
   EXPECT_TRUE(std::all_of(texels.begin(), texels.begin() + 3 * 128 * 128, [](uint8_t c) { return c == 200; }));
 }
 
+// A sheet of three patches under an image of stripes: the first has a 50th of it, the third most of it.
+TEST(MeshBake, eachPatchHasTheTexelsOfItsPartOfTheImage) {
+  TriMesh mesh = sheetMesh(30, 10, 30, 10, [](double, double) { return 0.0; });
+  constexpr int kWidth = 1024, kHeight = 100;
+  const std::array<double, 4> part{0, 20, 220, kWidth};  // of the image's columns, from patch to patch
+  auto column = [&](double x) {
+    const auto p = static_cast<size_t>(std::clamp(x / 10, 0.0, 2.0));
+    return part[p] + (part[p + 1] - part[p]) * (x / 10 - static_cast<double>(p));
+  };
+  for (const auto& t : mesh.triangles) {
+    auto& uv = mesh.corner_uv.emplace_back();
+    float least = 30;
+    for (uint32_t v : t) least = std::min(least, mesh.positions_mm[v].x);
+    for (size_t k = 0; k < 3; ++k) {
+      const glm::vec3 at = mesh.positions_mm[t[k]];
+      // A triangle's corners at the border of two patches belong to its own patch.
+      const double x = std::clamp<double>(at.x, least, std::floor(least / 10 + 1e-4) * 10 + 10 - 1e-6);
+      uv[k] = {static_cast<float>(column(x) / kWidth), 1 + at.y / 10};
+    }
+  }
+  auto stripe = [](int x) { return static_cast<uint8_t>(x % 4 < 2 ? 60 : 190); };
+  std::vector<uint8_t> image;
+  for (int i = 0; i < kWidth * kHeight; ++i) image.insert(image.end(), 3, stripe(i % kWidth));
+  const BaseMesh base = sheetBase(30, 10, 3, 1);
+  const auto baked = bake(mesh, base, {.cells_log2 = 5}, {kWidth, kHeight, image});
+  ASSERT_TRUE(baked);
+  EXPECT_EQ(baked->textureDepth(), 3);
+  const std::array<int, 3> depths{0, 1, 3};  // 20, 200 and 804 columns; 100 rows
+  for (uint32_t p = 0; p < 3; ++p) {
+    ASSERT_EQ(baked->textureDepthOf(p), depths[p]) << p;
+    const size_t side = size_t{128} << depths[p];
+    std::vector<uint8_t> texels(6 * side * side);
+    ASSERT_TRUE(baked->texels(p, texels));
+    double squares = 0;
+    for (size_t x = 0; x < side; ++x) {
+      const double at = column(10 * (p + (static_cast<double>(x) + 0.5) / static_cast<double>(side))) - 0.5,
+                   part_of = at - std::floor(at);
+      const int left = std::clamp(static_cast<int>(std::floor(at)), 0, kWidth - 1);
+      const double expected = stripe(left) * (1 - part_of) + stripe(std::min(left + 1, kWidth - 1)) * part_of;
+      const double off = texels[(side / 2) * side + x] - expected;
+      squares += off * off;
+    }
+    EXPECT_LT(std::sqrt(squares / static_cast<double>(side)), 12) << p;
+  }
+  // The control: what the image's mean over all patches asks for would average the stripes of the third.
+  EXPECT_LT(128 << 1, part[3] - part[2]);
+  const auto coarse = bake(mesh, base, {.cells_log2 = 5, .texture_depth = 1}, {kWidth, kHeight, image});
+  ASSERT_TRUE(coarse);
+  for (uint32_t p = 0; p < 3; ++p) EXPECT_EQ(coarse->textureDepthOf(p), 1) << "as asked for";
+}
+
 TEST(MeshBake, asManyCellsAsTheToleranceTakes) {
   const TriMesh mesh =
       starMesh([](const glm::dvec3& d) { return 10 + 0.2 * std::sin(12 * d.x) * std::cos(11 * d.y + 9 * d.z); }, 40);

@@ -419,6 +419,74 @@ TEST(TextureDepths, TailsThatAreNotRoundedAreSeenFromTheirNeighbours) {
   EXPECT_FALSE(package->tails(1, nullptr) == whole->tails(1, nullptr)) << "control: some are rounded";
 }
 
+// A ball whose colours are waves of some 50 root texels; every third patch has a pattern of 2 finest texels besides,
+// which ends before its sides. of_their_own: what has no pattern, and what has no texels of that size, is told in fewer
+// texels.
+class PatternedPatches final : public NoisyPatches {
+ public:
+  static constexpr int kDepth = 2;
+  explicit PatternedPatches(bool of_their_own)
+      : NoisyPatches(cubeSphere(2, 100, kSeed), kDepth, 0, kSeed), of_their_own_(of_their_own) {}
+  static int depthOf(uint32_t patch) { return std::array{kDepth, 0, 1}[patch % 3]; }
+  int textureDepthOf(uint32_t patch) const override { return of_their_own_ ? depthOf(patch) : kDepth; }
+  uint16_t height(uint32_t /*patch*/, int /*x*/, int /*y*/) const override { return 27'306; }  // about 0 mm
+  Result<void> texels(uint32_t patch, std::span<uint8_t> out) const override {
+    const size_t side = size_t{kPagePx} << textureDepthOf(patch), margin = side / 8;
+    for (size_t i = 0; i < out.size(); ++i) {
+      const size_t x = i % side, y = i / side % side, c = i / (side * side);
+      const auto centre = [&](size_t k) { return (static_cast<double>(k) + 0.5) / static_cast<double>(side); };
+      const glm::dvec3 at = base().point(patch, centre(x), centre(y));
+      const bool inside = std::min(x, y) >= margin && std::max(x, y) < side - margin;
+      const int pattern = depthOf(patch) == kDepth && inside && c < 3 ? ((x ^ y) & 2 ? 30 : -30) : 0;
+      out[i] = static_cast<uint8_t>(std::lround(128 + 60 * std::sin(0.2 * at[static_cast<int>(c % 3)])) + pattern);
+    }
+    return {};
+  }
+
+ private:
+  bool of_their_own_;
+};
+TEST(TextureDepths, PatchesHaveAsManyLevelsAsTheirTexelsAreTold) {
+  ScratchFolder folder;
+  const PatternedPatches source(true);
+  const auto whole = built(folder.file("whole.relievo"), PatternedPatches(false), -1),
+             package = built(folder.file("a.relievo"), source, kTolerance),
+             all_levels = built(folder.file("all.relievo"), source, -1);
+  const PatchDomain& d = package->manifest().domain;
+  for (uint32_t p = 0; p < d.patchCount(); ++p) {
+    if (p % 3 == 0) EXPECT_EQ(d.textureDepthOf(p), 2) << p;
+    else EXPECT_LE(d.textureDepthOf(p), PatternedPatches::depthOf(p)) << p;
+  }
+  // A step more where the squares beyond corners have texels of several sizes around them.
+  const auto off = furthestOff(*package, *whole);
+  EXPECT_LE(off[0], kTolerance + 1);
+  EXPECT_LE(off[1], kTolerance * kNormalTolerance);
+  // Gutters hold what lies beside, whatever texels that is told in. Without a tolerance there are all levels,
+  // interpolated where they were not told, along sides from one of them.
+  EXPECT_FALSE(all_levels->header().texture_depths);
+  PageDecoder decoder;
+  std::vector<uint8_t> slot(kSlotBytes), exact(kSlotBytes);
+  int interpolated = 0;
+  for (const auto& some : {package, all_levels}) {
+    int furthest = 0;
+    forEachNode(d, d.texture_depth, [&](const NodeId& node) {
+      if (!some->manifest().domain.hasTexturePage(node)) return;
+      const PageId id(texturePlane(0), node);
+      const auto page = some->read(id), full = whole->read(id);
+      ASSERT_TRUE(page.ok() && decoder.decodeToSlot(id.plane(), page->bytes, slot).ok());
+      ASSERT_TRUE(full.ok() && decoder.decodeToSlot(id.plane(), full->bytes, exact).ok());
+      interpolated += static_cast<int>(node.level) > PatternedPatches::depthOf(node.patch);
+      for (size_t i = 0; i < slot.size(); ++i) {
+        auto inside = [](size_t at) { return at >= kPageBorderPx && at < kPageBorderPx + kPagePx; };
+        if (i % 4 == 3 || (!inside(i / 4 % kPageFullPx) && !inside(i / 4 / kPageFullPx))) continue;
+        furthest = std::max(furthest, std::abs(slot[i] - exact[i]));
+      }
+    });
+    EXPECT_LE(furthest, some == package ? 3 : 4);
+  }
+  EXPECT_GT(interpolated, 20);
+}
+
 // Older readers know tails as differences: packages for them hold the same, in more bytes.
 TEST(TextureDepths, VersionsFourAndFiveHoldTheSameTails) {
   ScratchFolder folder;

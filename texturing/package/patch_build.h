@@ -25,7 +25,8 @@ namespace relievo::patch_build {
 
 inline constexpr int kGutterPx = kPageBorderPx;
 
-// Where a patch's levels and strips lie in what is kept of it, in bytes. Level kTail is the tail's finest.
+// Where a patch's levels, up to its own depth, and strips lie in what is kept of it, in bytes. Level kTail is the
+// tail's finest.
 inline constexpr int kTail = -1;
 struct PatchStore {
   int channels, depth;
@@ -51,9 +52,12 @@ struct Context {
   const PackageHeader& header;
   PackageLayout layout;
   MipFilter mip;
-  PatchStore store;
+  PatchStore store;  // of patches of the largest depth
   std::vector<PatchNeighbours> neighbours;
   std::unique_ptr<SpillStore> levels, strips, tails;
+  // Of each patch: the finest level that is kept, which those finer are interpolated from, and where it begins.
+  std::vector<int8_t> own_depth;
+  std::vector<uint64_t> levels_at, strips_at;
   // Of each patch, written by whoever works on it.
   std::vector<CoarseErrors> coarse_errors;
   std::vector<CoarseBlocks> coarse_blocks;
@@ -76,6 +80,10 @@ struct Context {
   size_t cornerPlace(uint32_t patch, int level, size_t corner) const {
     return 4 * levelPlace(patch, level) + corner * static_cast<size_t>(store.channels);
   }
+  PatchStore storeOf(uint32_t patch) const { return {store.channels, own_depth[patch]}; }
+  int keptLevel(uint32_t patch, int level) const { return std::min<int>(level, own_depth[patch]); }
+  uint64_t levelAt(uint32_t patch, int level) const { return levels_at[patch] + store.levelOffset(level); }
+  uint64_t stripAt(uint32_t patch, int level, int s) const { return strips_at[patch] + store.gutterOffset(level, s); }
   // What was kept of a patch's level at that place, channel after channel.
   Result<void> readKept(const SpillStore& from, uint64_t place, uint32_t patch, int level,
                         std::span<uint8_t> out) const {

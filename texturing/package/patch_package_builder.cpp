@@ -132,7 +132,7 @@ Result<void> checkBorders(const Context& c) {
   return {};
 }
 
-void makeRoom(Context& context) {
+void makeRoom(Context& context, const BuildOptions& options) {
   const PatchDomain& d = context.header.domain;
   const uint32_t patches = d.patchCount();
   context.coarse_errors.resize(patches);
@@ -144,6 +144,10 @@ void makeRoom(Context& context) {
   context.corner_texels.resize(context.cornerPlace(patches, kTail, 0));
   context.even.resize(context.levelPlace(patches, kTail));
   context.texture_depths.resize(patches);
+  // Where no level may be left out, all patches have all.
+  const bool own = context.header.compact && options.texture_tolerance >= 0;
+  for (uint32_t p = 0; p < patches; ++p)
+    context.own_depth.push_back(static_cast<int8_t>(own ? context.source.textureDepthOf(p) : d.texture_depth));
 }
 
 // A worker's share: texels and a coarser level twice, or a level with and without border; heights, errors, and its
@@ -174,11 +178,19 @@ Result<PackageHeader> planHeader(const PatchSource& source, const BuildOptions& 
 
 // What waits for its neighbours.
 Result<void> makeSpills(Context& context, SpillBudget& spills) {
-  const uint64_t patches = context.header.domain.patchCount();
-  for (auto [kept, bytes] : {std::pair<std::unique_ptr<SpillStore>*, uint64_t>{&context.tails, context.tailBytes()},
-                             {&context.strips, context.store.guttersBytes()},
-                             {&context.levels, context.store.levelBytes()}}) {
-    auto made = spills.create(bytes * patches);
+  const uint32_t patches = context.header.domain.patchCount();
+  uint64_t levels = 0, strips = 0;
+  for (uint32_t p = 0; p < patches; ++p) {
+    context.levels_at.push_back(levels);
+    context.strips_at.push_back(strips);
+    levels += context.storeOf(p).levelBytes();
+    strips += context.storeOf(p).guttersBytes();
+  }
+  for (auto [kept, bytes] :
+       {std::pair<std::unique_ptr<SpillStore>*, uint64_t>{&context.tails, context.tailBytes() * patches},
+        {&context.strips, strips},
+        {&context.levels, levels}}) {
+    auto made = spills.create(bytes);
     if (!made) return made.error();
     *kept = std::move(*made);
   }
@@ -222,7 +234,7 @@ Result<BuildReport> buildPatchPackage(const PatchSource& source, const BuildOpti
                   MipFilter(header.texture),
                   {header.texture.channels(), d.texture_depth},
                   patchNeighbours(source.base())};
-  makeRoom(context);
+  makeRoom(context, options);
   listCorners(context);
   const Workforce force = workersThatFit(workerBytes(context), options, patches);
   auto described = forEachPatch(

@@ -1,6 +1,6 @@
 // patch_source.h - texels and heights of an artwork made of patches over a base mesh, patch by patch; what a mesh was
 // baked into (geometry/bake/mesh_bake.h), or a procedural one. Each patch (src/artwork/patch_domain.h) is
-// 2^textureDepth x 128 texels and 2^reliefDepth x 128 relief cells a side.
+// up to 2^textureDepth x 128 texels and 2^reliefDepth x 128 relief cells a side.
 #pragma once
 
 #include <array>
@@ -23,7 +23,9 @@ class PatchSource {
   virtual const BaseMesh& base() const = 0;
   // Of the lattice that its corners' positions lie on (onLattice()); 0: of none.
   virtual double baseStepMm() const { return 0; }
-  virtual int textureDepth() const = 0;
+  virtual int textureDepth() const = 0;  // the largest of all patches
+  // What finer levels of the patch show is what a bilinear filter makes of this one.
+  virtual int textureDepthOf(uint32_t /*patch*/) const { return textureDepth(); }
   virtual int reliefDepth() const = 0;
   virtual TextureFormat format() const = 0;
   virtual double reliefOffsetMm() const = 0;  // height in mm = offset + q * scale, one range for the artwork
@@ -34,7 +36,8 @@ class PatchSource {
   virtual std::vector<Provenance> provenance() const = 0;
 
   // The following are const and thread-safe.
-  // Channel-major, rows of v from 0: out[(c * P + y) * P + x], P = 128 << textureDepth(), texel centres at (x + 1/2, y
+  // Channel-major, rows of v from 0: out[(c * P + y) * P + x], P = 128 << textureDepthOf(patch), texel centres at (x +
+  // 1/2, y
   // + 1/2) / P.
   virtual Result<void> texels(uint32_t patch, std::span<uint8_t> out) const = 0;
   // Rows of v from 0: out[y * (R + 1) + x], R = 128 << reliefDepth(), samples at (x, y) / R. Samples on a side that two

@@ -20,15 +20,47 @@
 
 namespace relievo::patch_build {
 
+// A channel's texels, rows of `width`, of which `before` lie before the first of `height`.
+struct TexelRows {
+  const uint8_t* texels;
+  size_t width, height, before = 0;
+};
+// The first `rows` of 2^log2 times as many texels a side, by a bilinear filter; beyond what there is lies its border.
+inline void enlarge(const TexelRows& in, int log2, size_t rows, uint8_t* out) {
+  const uint32_t whole = uint32_t{2} << log2;
+  struct Place {
+    size_t low, high;
+    uint32_t to_high;  // of `whole`
+  };
+  auto placeOf = [&](size_t i, size_t count, size_t before) {
+    const int64_t halves = 2 * static_cast<int64_t>(i) + 1 - (int64_t{1} << log2);  // of a fine texel
+    const int64_t low = (halves >> (log2 + 1)) + static_cast<int64_t>(before), last = static_cast<int64_t>(count) - 1;
+    return Place{static_cast<size_t>(std::clamp<int64_t>(low, 0, last)),
+                 static_cast<size_t>(std::clamp<int64_t>(low + 1, 0, last)),
+                 static_cast<uint32_t>(halves & (int64_t{whole} - 1))};
+  };
+  const size_t width = in.width << log2;
+  for (size_t y = 0; y < rows; ++y) {
+    const Place v = placeOf(y, in.before + in.height, in.before);
+    const uint8_t *above = in.texels + v.low * in.width, *below = in.texels + v.high * in.width;
+    for (size_t x = 0; x < width; ++x) {
+      const Place u = placeOf(x, in.width, 0);
+      const uint32_t top = above[u.low] * (whole - u.to_high) + above[u.high] * u.to_high,
+                     bottom = below[u.low] * (whole - u.to_high) + below[u.high] * u.to_high;
+      out[y * width + x] =
+          static_cast<uint8_t>((top * (whole - v.to_high) + bottom * v.to_high + whole * whole / 2) / (whole * whole));
+    }
+  }
+}
+
 class TexelKeeper {
  public:
   explicit TexelKeeper(Context& context) : c_(context) {}
 
   Result<void> run(uint32_t patch) {
-    const PatchStore& store = c_.store;
+    const PatchStore store = c_.storeOf(patch);
     int side = static_cast<int>(PatchStore::side(store.depth));
-    texels_.resize(store.finestBytes());
-    if (auto made = c_.source.texels(patch, texels_); !made) return made;
+    if (auto made = finest(patch); !made) return made;
     for (int level = store.depth;; --level, side /= 2) {
       if (auto kept = keepLevel(patch, level, texels_); !kept) return kept;
       if (level == 0) return keepTail(patch);
@@ -47,8 +79,7 @@ class TexelKeeper {
   // The patch's tail once more as its root level has it, in place of one that was rounded.
   Result<void> keepExactTail(uint32_t patch) {
     texels_.resize(static_cast<size_t>(c_.store.channels) * kPagePx * kPagePx);
-    const uint64_t place = patch * c_.store.levelBytes() + c_.store.levelOffset(0);
-    if (auto read = c_.readKept(*c_.levels, place, patch, 0, texels_); !read) return read;
+    if (auto read = c_.readKept(*c_.levels, c_.levelAt(patch, 0), patch, 0, texels_); !read) return read;
     return keepTail(patch);
   }
   Result<void> keepRoundedTail(uint32_t patch, std::span<const uint8_t> tail) {
@@ -57,14 +88,29 @@ class TexelKeeper {
   }
 
  private:
+  // The patch's texels at its own depth.
+  Result<void> finest(uint32_t patch) {
+    const int depth = c_.source.textureDepthOf(patch);
+    texels_.resize(PatchStore{c_.store.channels, depth}.finestBytes());
+    if (auto made = c_.source.texels(patch, texels_); !made) return made;
+    for (int level = depth; level < c_.own_depth[patch]; ++level) {
+      coarse_texels_.swap(texels_);
+      texels_.resize(4 * coarse_texels_.size());
+      const size_t side = PatchStore::side(level);
+      for (size_t c = 0; c < static_cast<size_t>(c_.store.channels); ++c)
+        enlarge({coarse_texels_.data() + c * side * side, side, side}, 1, 2 * side,
+                texels_.data() + 4 * c * side * side);
+    }
+    return {};
+  }
+
   Result<void> keepLevel(uint32_t patch, int level, std::span<const uint8_t> texels) {
-    const PatchStore& store = c_.store;
-    const auto channels = static_cast<size_t>(store.channels);
+    const auto channels = static_cast<size_t>(c_.store.channels);
     const size_t plane = texels.size() / channels;
     for (size_t c = 0; c < channels; ++c)
       c_.even[c_.levelPlace(patch, level) + c] = isEven(texels.subspan(c * plane, plane));
     keepCorners(patch, level, texels);
-    const uint64_t place = patch * store.levelBytes() + store.levelOffset(level);
+    const uint64_t place = c_.levelAt(patch, level);
     auto kept = c_.forKept(patch, level, [&](size_t begin, size_t end) {
       return c_.levels->write(place + begin * plane, texels.data() + begin * plane, (end - begin) * plane);
     });
@@ -108,7 +154,7 @@ class TexelKeeper {
           }
         }
       }
-      const uint64_t place = patch * c_.store.guttersBytes() + c_.store.gutterOffset(level, s);
+      const uint64_t place = c_.stripAt(patch, level, s);
       const size_t plane = strip_.size() / static_cast<size_t>(c_.store.channels);
       auto kept = c_.forKept(patch, level, [&](size_t begin, size_t end) {
         return c_.strips->write(place + begin * plane, strip_.data() + begin * plane, (end - begin) * plane);
@@ -119,7 +165,7 @@ class TexelKeeper {
   }
 
   Context& c_;
-  std::vector<uint8_t> texels_, strip_, tail_;
+  std::vector<uint8_t> texels_, coarse_texels_, strip_, tail_;
   std::vector<uint16_t> level_, coarser_;
 };
 
@@ -138,10 +184,7 @@ class LevelReader {
     const size_t channels = static_cast<size_t>(store.channels), plane = stride() * stride();
     bordered_.resize(channels * plane);
     inside_.resize(channels * side_ * side_);
-    if (auto read =
-            c_.readKept(*c_.levels, patch * store.levelBytes() + store.levelOffset(level), patch, level, inside_);
-        !read)
-      return read;
+    if (auto read = c_.readKept(*c_.levels, c_.levelAt(patch, level), patch, level, inside_); !read) return read;
     for (size_t c = 0; c < channels; ++c)
       for (size_t y = 0; y < side_; ++y)
         std::memcpy(bordered_.data() + c * plane + (y + kPageBorderPx) * stride() + kPageBorderPx,
@@ -152,8 +195,7 @@ class LevelReader {
     for (int s = 0; s < 4; ++s) {
       const PatchNeighbour& n = c_.neighbours[patch][static_cast<size_t>(s)];
       if (n.patch == PatchNeighbour::kNone) continue;
-      const uint64_t place = n.patch * store.guttersBytes() + store.gutterOffset(level, n.side);
-      if (auto read = c_.readKept(*c_.strips, place, n.patch, level, strip_); !read) return read;
+      if (auto read = readStrip(patch, s, n, level); !read) return read;
       const bool upright = s == kLeft || s == kRight;
       // Texel i of the nearest row of our side, and of the neighbour's strip.
       auto ownTexel = [&](size_t i) {
@@ -190,6 +232,30 @@ class LevelReader {
   }
 
  private:
+  // The neighbour's rows along side s; where it has no level that fine, what its finest shows there, which reaches over
+  // to our texels of that level.
+  Result<void> readStrip(uint32_t patch, int s, const PatchNeighbour& n, int level) {
+    const int kept = c_.keptLevel(n.patch, level);
+    strip_.resize(c_.store.gutterBytes(level));
+    if (kept == level) return c_.readKept(*c_.strips, c_.stripAt(n.patch, level, n.side), n.patch, level, strip_);
+    const size_t side = PatchStore::side(kept), rows = 1 + kGutterPx;
+    for (auto* strip : {&own_strip_, &coarse_strip_}) strip->resize(c_.store.gutterBytes(kept));
+    if (auto read = c_.readKept(*c_.strips, c_.stripAt(patch, kept, s), patch, kept, own_strip_); !read) return read;
+    if (auto read = c_.readKept(*c_.strips, c_.stripAt(n.patch, kept, n.side), n.patch, kept, coarse_strip_); !read)
+      return read;
+    coarse_rows_.resize(rows * side);
+    for (size_t c = 0; c < static_cast<size_t>(c_.store.channels); ++c) {
+      const uint8_t* own = own_strip_.data() + c * kGutterPx * side;
+      if (n.reversed) std::reverse_copy(own, own + side, coarse_rows_.begin());
+      else std::copy_n(own, side, coarse_rows_.begin());
+      std::copy_n(coarse_strip_.data() + c * kGutterPx * side, kGutterPx * side,
+                  coarse_rows_.begin() + static_cast<std::ptrdiff_t>(side));
+      enlarge({coarse_rows_.data(), side, kGutterPx, 1}, level - kept, kGutterPx,
+              strip_.data() + c * kGutterPx * side_);
+    }
+    return {};
+  }
+
   // The square of the border beyond corner k.
   void fillCorner(uint32_t patch, int level, size_t k) {
     const uint32_t corner = c_.source.base().patches[patch][k];
@@ -197,7 +263,8 @@ class LevelReader {
     const size_t x_in = kPageBorderPx + (k % 2 ? side_ - 1 : 0), y_in = kPageBorderPx + (k / 2 ? side_ - 1 : 0);
     const size_t x_out = k % 2 ? x_in + 1 : x_in - 1, y_out = k / 2 ? y_in + 1 : y_in - 1;
     auto cornerTexels = [&](uint32_t i) {
-      return c_.corner_texels.data() + c_.cornerPlace(c_.at[i] / 4, level, c_.at[i] % 4);
+      const uint32_t of_patch = c_.at[i] / 4;
+      return c_.corner_texels.data() + c_.cornerPlace(of_patch, c_.keptLevel(of_patch, level), c_.at[i] % 4);
     };
     bool crease = false;
     if (hasNormals(c_.header.texture)) {
@@ -225,7 +292,7 @@ class LevelReader {
 
   const Context& c_;
   size_t side_ = 0;
-  std::vector<uint8_t> inside_, bordered_, strip_;
+  std::vector<uint8_t> inside_, bordered_, strip_, own_strip_, coarse_strip_, coarse_rows_;
   std::vector<uint8_t> creased_;  // for each texel along a side: 1 where the patches meet at a crease
 };
 
@@ -240,7 +307,7 @@ class DepthFinder {
   // Notes the coarsest level that shows all finer ones within the tolerance.
   Result<void> run(uint32_t patch) {
     int depth = kTail;
-    for (; depth < c_.store.depth; ++depth) {
+    for (; depth < c_.own_depth[patch]; ++depth) {
       auto enough = showsAllFiner(patch, depth);
       if (!enough) return enough.error();
       if (*enough) break;
@@ -252,7 +319,7 @@ class DepthFinder {
 
   Result<bool> showsAllFiner(uint32_t patch, int depth) {
     if (auto loaded = coarse_.load(patch, depth); !loaded) return loaded.error();
-    for (int finer = depth + 1; finer <= c_.store.depth; ++finer) {
+    for (int finer = depth + 1; finer <= c_.own_depth[patch]; ++finer) {
       if (auto loaded = fine_.load(patch, finer); !loaded) return loaded.error();
       if (!showsTheSame(fine_.level(), coarse_.level(), tolerances_)) return false;
     }
@@ -287,7 +354,7 @@ class TextureWriter {
   void cut(uint32_t patch, int level, BuildPart& out) {
     const size_t stride = reader_.stride(), plane_texels = stride * stride;
     const int depth = c_.header.domain.textureDepthOf(patch);
-    const int stands_for_finer = depth < c_.store.depth ? depth : -1;
+    const int stands_for_finer = depth < c_.own_depth[patch] ? depth : -1;
     for (uint32_t y = 0; y < 1u << level; ++y) {
       for (uint32_t x = 0; x < 1u << level; ++x) {
         const auto at = c_.layout.texture.find({patch, static_cast<uint32_t>(level), x, y});

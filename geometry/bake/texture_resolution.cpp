@@ -1,0 +1,104 @@
+#include "geometry/bake/texture_resolution.h"
+
+#include <algorithm>
+#include <array>
+#include <bit>
+#include <cmath>
+#include <cstdint>
+#include <vector>
+
+#include "geometry/mesh/triangle_point.h"
+#include "src/artwork/patch_domain.h"
+#include "src/base/parallel_for.h"
+
+namespace relievo {
+namespace {
+
+constexpr uint64_t kMostTexels = uint64_t{64} << 20;  // of all patches, where colours are vertices'
+// Where they are an image's; one that is too large for that is smoothed.
+constexpr uint64_t kMostImageTexels = uint64_t{128} << 20;
+constexpr int kMostDepth = 6;
+
+// How many of the image's texels lie across a patch, along u or v, whichever are more: what most of the patch has, and
+// the densest place.
+struct TexelsAcross {
+  double most = 0, densest = 0;
+};
+TexelsAcross imageTexelsAcross(const BakeContext& context, const MipImage& image, uint32_t patch) {
+  constexpr size_t kPlaces = 5;  // a side
+  constexpr double kMost = 0.9;  // few triangles, such as those beside an atlas's seam, may be stretched by far
+  std::array<glm::dvec3, 4> p;
+  for (size_t k = 0; k < 4; ++k) p[k] = context.cornerPoint(context.base.patches[patch][k]).position;
+  const glm::dvec2 size(image.width(), image.height());
+  std::array<double, kPlaces * kPlaces> across{};
+  for (size_t i = 0; i < across.size(); ++i) {
+    const double u = (static_cast<double>(i % kPlaces) + 0.5) / kPlaces,
+                 v = (static_cast<double>(i / kPlaces) + 0.5) / kPlaces;
+    const SurfacePoint at = context.scene->closestPoint(context.patchPoint(patch, u, v).position);
+    const TriangleCorners t = cornersOf(*context.mesh, at.triangle);
+    const auto& uv = context.mesh->corner_uv[at.triangle];
+    const glm::dvec3 e = t.b - t.a, g = t.c - t.a;
+    const glm::dvec2 texels_e = glm::dvec2(uv[1] - uv[0]) * size, texels_g = glm::dvec2(uv[2] - uv[0]) * size;
+    const double ee = glm::dot(e, e), eg = glm::dot(e, g), gg = glm::dot(g, g), det = ee * gg - eg * eg;
+    if (!(det > 1e-12 * ee * gg)) continue;
+    for (const glm::dvec3& along : {glm::mix(p[1] - p[0], p[3] - p[2], v), glm::mix(p[2] - p[0], p[3] - p[1], u)}) {
+      const double a = glm::dot(along, e), b = glm::dot(along, g);
+      const glm::dvec2 texels = (a * gg - b * eg) / det * texels_e + (b * ee - a * eg) / det * texels_g;
+      across[i] = std::max(across[i], glm::length(texels));
+    }
+  }
+  std::sort(across.begin(), across.end());
+  return {across[static_cast<size_t>(kMost * across.size())], across.back()};
+}
+
+int log2Above(double value) { return value > 1 ? static_cast<int>(std::ceil(std::log2(std::min(value, 0x1p30)))) : 0; }
+
+// No finer than that all patches together have so many texels.
+int deepestOf(const std::vector<PatchResolution>& of_patch, uint64_t most_texels) {
+  int depth = 0;
+  for (const PatchResolution& r : of_patch) depth = std::max(depth, r.depth);
+  for (; depth > 0; --depth) {
+    uint64_t texels = 0;
+    for (const PatchResolution& r : of_patch) texels += uint64_t{1} << 2 * (kPageCellsLog2 + std::min(r.depth, depth));
+    if (texels <= most_texels) break;
+  }
+  return depth;
+}
+
+}  // namespace
+
+bool chooseTextureResolution(const BakeContext& context, int requested_depth, BakeTexture& texture) {
+  const double vertices = static_cast<double>(context.mesh->positions_mm.size()),
+               patches = static_cast<double>(context.layout.patches);
+  // Vertex colours are linear over the scan's triangles, so that a grid somewhat finer than these captures them. If it
+  // is hardly finer, creases show; half a million samples take a quarter of a second.
+  double grid_points = std::max(2 * vertices, std::min(16 * vertices, 524'288.0));
+  if (texture.palette) grid_points *= 4;  // no cell's corners show a triangle that lies between them
+  int grid_log2 = 1;
+  while (grid_log2 < kPageCellsLog2 + kMostDepth && std::ldexp(patches, 2 * grid_log2) < grid_points) ++grid_log2;
+  texture.of_patch.assign(context.layout.patches, {std::max(requested_depth, 0), grid_log2});
+  texture.depth = std::max(requested_depth, 0);
+  if (!texture.image.empty() && !texture.palette) {
+    const bool whole = parallelFor(context.layout.patches, context.workers, context.interrupted, [&](size_t p) {
+      const TexelsAcross across = imageTexelsAcross(context, texture.image, static_cast<uint32_t>(p));
+      PatchResolution& r = texture.of_patch[p];
+      if (requested_depth < 0) r.depth = std::clamp(log2Above(across.most) - kPageCellsLog2, 0, kMostDepth);
+      r.sample_grid_log2 = std::max(grid_log2, log2Above(2 * across.densest));
+    });
+    if (!whole) return false;
+    if (requested_depth < 0) texture.depth = deepestOf(texture.of_patch, kMostImageTexels);
+  } else if (requested_depth < 0) {
+    // Texels are twice as dense along u and v as what they are sampled from.
+    auto texels = [&](int depth) { return std::ldexp(patches, 2 * (kPageCellsLog2 + depth)); };
+    while (texels(texture.depth) < 4 * vertices && texels(texture.depth + 1) < static_cast<double>(kMostTexels))
+      ++texture.depth;
+    for (PatchResolution& r : texture.of_patch) r.depth = texture.depth;
+  }
+  for (PatchResolution& r : texture.of_patch) {
+    r.depth = std::min(r.depth, texture.depth);
+    r.sample_grid_log2 = std::min(r.sample_grid_log2, kPageCellsLog2 + r.depth);
+  }
+  return true;
+}
+
+}  // namespace relievo
