@@ -19,10 +19,10 @@ constexpr uint64_t kMostTexels = uint64_t{64} << 20;  // of all patches, where c
 constexpr uint64_t kMostImageTexels = uint64_t{128} << 20;
 constexpr int kMostDepth = 6;
 
-// How many of the image's texels lie across a patch, along u or v, whichever are more: what most of the patch has, and
-// the densest place.
+// How many of the image's texels lie across a patch, along u or v, whichever are more: at most places, and at the
+// densest one; and how many lie on it.
 struct TexelsAcross {
-  double most = 0, densest = 0;
+  double most = 0, densest = 0, on_patch = 0;
 };
 TexelsAcross imageTexelsAcross(const BakeContext& context, const MipImage& image, uint32_t patch) {
   constexpr size_t kPlaces = 5;  // a side
@@ -31,6 +31,7 @@ TexelsAcross imageTexelsAcross(const BakeContext& context, const MipImage& image
   for (size_t k = 0; k < 4; ++k) p[k] = context.cornerPoint(context.base.patches[patch][k]).position;
   const glm::dvec2 size(image.width(), image.height());
   std::array<double, kPlaces * kPlaces> across{};
+  double on_patch = 0;
   for (size_t i = 0; i < across.size(); ++i) {
     const double u = (static_cast<double>(i % kPlaces) + 0.5) / kPlaces,
                  v = (static_cast<double>(i / kPlaces) + 0.5) / kPlaces;
@@ -41,17 +42,28 @@ TexelsAcross imageTexelsAcross(const BakeContext& context, const MipImage& image
     const glm::dvec2 texels_e = glm::dvec2(uv[1] - uv[0]) * size, texels_g = glm::dvec2(uv[2] - uv[0]) * size;
     const double ee = glm::dot(e, e), eg = glm::dot(e, g), gg = glm::dot(g, g), det = ee * gg - eg * eg;
     if (!(det > 1e-12 * ee * gg)) continue;
-    for (const glm::dvec3& along : {glm::mix(p[1] - p[0], p[3] - p[2], v), glm::mix(p[2] - p[0], p[3] - p[1], u)}) {
+    auto texelsAlong = [&](const glm::dvec3& along) {
       const double a = glm::dot(along, e), b = glm::dot(along, g);
-      const glm::dvec2 texels = (a * gg - b * eg) / det * texels_e + (b * ee - a * eg) / det * texels_g;
-      across[i] = std::max(across[i], glm::length(texels));
-    }
+      return (a * gg - b * eg) / det * texels_e + (b * ee - a * eg) / det * texels_g;
+    };
+    const glm::dvec2 along_u = texelsAlong(glm::mix(p[1] - p[0], p[3] - p[2], v)),
+                     along_v = texelsAlong(glm::mix(p[2] - p[0], p[3] - p[1], u));
+    across[i] = std::max(glm::length(along_u), glm::length(along_v));
+    on_patch += std::abs(along_u.x * along_v.y - along_u.y * along_v.x) / static_cast<double>(across.size());
   }
   std::sort(across.begin(), across.end());
-  return {across[static_cast<size_t>(kMost * across.size())], across.back()};
+  return {across[static_cast<size_t>(kMost * across.size())], across.back(), on_patch};
 }
 
 int log2Above(double value) { return value > 1 ? static_cast<int>(std::ceil(std::log2(std::min(value, 0x1p30)))) : 0; }
+
+int depthFor(const TexelsAcross& image) {
+  // A texel is at most so many of the image's long; but a patch has at most so many for each of the image's, where
+  // these are stretched.
+  constexpr double kLongest = 1.42, kMostForEach = 8;
+  const double across = std::min(image.most / kLongest, std::sqrt(kMostForEach * image.on_patch));
+  return std::clamp(log2Above(across) - kPageCellsLog2, 0, kMostDepth);
+}
 
 // No finer than that all patches together have so many texels.
 int deepestOf(const std::vector<PatchResolution>& of_patch, uint64_t most_texels) {
@@ -82,7 +94,7 @@ bool chooseTextureResolution(const BakeContext& context, int requested_depth, Ba
     const bool whole = parallelFor(context.layout.patches, context.workers, context.interrupted, [&](size_t p) {
       const TexelsAcross across = imageTexelsAcross(context, texture.image, static_cast<uint32_t>(p));
       PatchResolution& r = texture.of_patch[p];
-      if (requested_depth < 0) r.depth = std::clamp(log2Above(across.most) - kPageCellsLog2, 0, kMostDepth);
+      if (requested_depth < 0) r.depth = depthFor(across);
       r.sample_grid_log2 = std::max(grid_log2, log2Above(2 * across.densest));
     });
     if (!whole) return false;

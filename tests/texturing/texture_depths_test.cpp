@@ -366,6 +366,7 @@ TEST(TextureDepths, TheSameBytesForAnyWorkersAndMemoryAndAsWithoutWhereNothingIs
     BuildOptions o = optionsOf(folder.file("a.relievo"), kTolerance);
     o.workers = workers;
     o.memory_budget_bytes = static_cast<uint64_t>(mib) << 20;
+    if (mib == 1) o.kept_bytes = 0;  // all that waits does so in files, the index as well
     ASSERT_TRUE(buildPatchPackage(source, o).ok());
     all.push_back(readAll(o.output));
   }

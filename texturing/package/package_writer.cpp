@@ -253,7 +253,8 @@ Result<void> PackageWriter::codeIndex(const std::atomic<bool>* interrupted) {
     if (blocks.empty() || !status.ok()) return;
     const uint64_t first = blocks.front().offset;
     entries.resize(blocks.back().offset + blocks.back().bytes - first);
-    status = index_->read(first - h.index_offset, entries.data(), entries.size());
+    // The last checksum is not there yet.
+    status = index_->read(first - h.index_offset, entries.data(), entries.size() - sizeof(uint64_t));
     auto code = status.ok() ? encodeIndexBlocks(of, relief, blocks, entries) : std::nullopt;
     if (status.ok() && !code)
       status = Error{ErrorKind::kRuntime, file_.path(), "the index cannot be coded", "build again without it", {}};
