@@ -178,7 +178,7 @@ void SceneOptions::addAccuracy(CLI::App& c) {
   c.add_option("--sampling", sampling,
                "Texels and levels a pixel reads: nearest (one texel), bilinear (four of the nearest level), trilinear "
                "(two levels), anisotropic (several trilinear taps: sharp at grazing angles) or auto (anisotropic where "
-               "a scan's patches are stretched, in a window while the camera stands still; else trilinear)")
+               "a scan's patches are stretched, in a window while nothing moves; else trilinear)")
       ->check(CLI::IsMember({"nearest", "bilinear", "trilinear", "anisotropic", "auto"}))
       ->capture_default_str();
   c.add_option("--anisotropy", anisotropy, "Taps a pixel at most, with --sampling anisotropic or auto")

@@ -2,7 +2,6 @@
 
 #include <algorithm>
 #include <array>
-#include <bit>
 #include <cmath>
 #include <cstdint>
 #include <vector>
@@ -15,9 +14,9 @@ namespace relievo {
 namespace {
 
 constexpr uint64_t kMostTexels = uint64_t{64} << 20;  // of all patches, where colours are vertices'
-// Where they are an image's; one that is too large for that is smoothed.
+// Where they are an image's; of one that is too large for that texels are left out.
 constexpr uint64_t kMostImageTexels = uint64_t{128} << 20;
-constexpr int kMostDepth = 6;
+constexpr int kMostDepth = 5;  // a patch's texels are held in memory
 
 // How many of the image's texels lie across a patch, along u or v, whichever are more: at most places, and at the
 // densest one; and how many lie on it.

@@ -290,7 +290,8 @@ Scene ViewLoop::sceneAt(double now) {
   // Snapshots are not of what was given up.
   moving_ = now < moved_at_ + kStillS && !control_.wantsSnapshot() && !last_;
   if (exact_still_ && !moving_) wanted.least_cell = 0;
-  if (moving_ && wanted.sampling == Sampling::kAuto) wanted.sampling = Sampling::kTrilinear;
+  if ((moving_ || control_.draggingLight()) && wanted.sampling == Sampling::kAuto)
+    wanted.sampling = Sampling::kTrilinear;
   if (frame_time_ && moving_) wanted = frame_time_->spend(wanted);
   wanted.light = control_.view().light;
   wanted.lights = control_.view().lights;

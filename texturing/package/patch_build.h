@@ -55,7 +55,8 @@ struct Context {
   PatchStore store;  // of patches of the largest depth
   std::vector<PatchNeighbours> neighbours;
   std::unique_ptr<SpillStore> levels, strips, tails;
-  // Of each patch: the finest level that is kept, which those finer are interpolated from, and where it begins.
+  // Of each patch: the finest level that is kept, which those finer are interpolated from, and where all that is kept
+  // begins.
   std::vector<int8_t> own_depth;
   std::vector<uint64_t> levels_at, strips_at;
   // Of each patch, written by whoever works on it.
