@@ -93,8 +93,8 @@ BetweenSamples BakedHeights::betweenSamples(const BakeContext& context, uint32_t
   // The product of two linear functions is within a third of the product of their ranges of the linear one. Along the
   // diagonal both may change by what they change along two sides.
   out.product_mm = 2.0 * largest_step * scale_mm * std::ldexp(along_u + along_v, -cells_log2) / 3;
-  // Heights that are rounded by a step move points along normals, of length 1 within 1e-3, and change that
-  // product: both ends of a range, over cells of at most half the patch.
+  // Heights that are rounded by a step move points along normals, of length 1 within 1e-3, and change that product:
+  // both ends of a range, over cells of at most half the patch.
   out.rounding_mm = same ? 0 : scale_mm * (1.01 + (along_u + along_v) / 3);
   // No mix of the corners' normals is shorter along their mean than the shortest.
   glm::dvec3 mean(0);

@@ -2,13 +2,14 @@
 // (texturing/package/package_writer.h).
 //
 //   heights   asks the source for the patch's heights and their errors: the base mesh's section stands before the pages
-//   texels    asks the source for the patch's texels; keeps them, of all levels and of the tail, as bytes, and of each
+//   texels    asks the source for the patch's texels; keeps them, of its levels and of the tail, as bytes, and of each
 //             level and side the 4 rows of texels that the neighbour's pages have as their border; but for channels
 //             that are the same everywhere, of which one texel is kept
 //   depths    looks for texture levels that show nothing which coarser ones do not (texture_depths.h). The base mesh's
 //             section says which levels there are, and the index, before the pages, has entries for these only
 //   relief    asks the source for the patch's heights again and writes its relief pages, which need no other patch
-//   texture   writes the texture pages, their borders from the neighbours' strips, turned as the sides lie
+//   texture   writes the texture pages, their borders from the neighbours' strips, turned as the sides lie, and
+//             interpolated where a neighbour has no texels that fine
 //
 // Where the border lies diagonally beyond a patch's corner there is one patch only if four meet there. Any number may,
 // so what stands there is what makes the mean of the four texels around the corner the same from all patches: that of

@@ -68,11 +68,11 @@ std::vector<Candidate> candidates() {
 
 }  // namespace
 
-std::vector<ScenePart> partsOf(const Scene& of, const Manifest& manifest) {
+std::vector<ScenePart> partsOf(const Scene& wanted, const Manifest& manifest) {
   std::vector<ScenePart> parts;
-  Scene scene = of;
-  const EffectPlan whole = planEffects(scene, manifest);
-  if (scene.sampling == Sampling::kAuto && whole.readsTexture()) scene.sampling = whole.sampling;
+  const EffectPlan whole = planEffects(wanted, manifest);
+  Scene scene = wanted;
+  if (wanted.sampling == Sampling::kAuto && whole.readsTexture()) scene.sampling = whole.sampling;
   for (const Candidate& candidate : candidates()) {
     ScenePart part{candidate.name, candidate.meaning, scene};
     candidate.leave(part.without);
