@@ -355,7 +355,7 @@ Result<void> MeshBuild::bake(int cells_log2) {
     return MeshBake::create(
         scan,
         {image.width, image.height, image.pixels, std::max(image.channels, 3), !a_.ptm.empty(), scan.texture_repeats},
-        onLattice(base_, baseStep()), bake_options, *scene);
+        onLattice(inSequence(base_), baseStep()), bake_options, *scene);
   });
   if (!bake) return bake.error();
   bake_ = std::move(*bake);

@@ -73,6 +73,37 @@ BaseMesh onLattice(const BaseMesh& mesh, double step_mm) {
   return out;
 }
 
+BaseMesh inSequence(const BaseMesh& mesh) {
+  const std::vector<PatchNeighbours> neighbours = patchNeighbours(mesh);
+  auto sideAt = [](size_t i) { return std::array<Side, 4>{kTop, kRight, kBottom, kLeft}[i % 4]; };  // of the loop
+  struct Open {
+    uint32_t patch;
+    size_t side;
+  };
+  BaseMesh out = mesh;
+  out.patches.clear();
+  std::vector<uint8_t> taken(mesh.patches.size(), 0);
+  std::vector<Open> open;
+  auto take = [&](uint32_t patch, size_t reached_by) {
+    taken[patch] = 1;
+    out.patches.push_back(mesh.patches[patch]);
+    for (size_t k = 4; k > 0; --k) open.push_back({patch, (reached_by + k) % 4});
+  };
+  for (uint32_t first = 0; first < mesh.patches.size(); ++first) {
+    if (!taken[first]) take(first, 0);
+    while (!open.empty()) {
+      const Open at = open.back();
+      open.pop_back();
+      const PatchNeighbour& n = neighbours[at.patch][sideAt(at.side)];
+      if (n.patch == PatchNeighbour::kNone || taken[n.patch]) continue;
+      size_t by = 0;
+      while (sideAt(by) != n.side) ++by;
+      take(n.patch, by);
+    }
+  }
+  return out;
+}
+
 std::string baseMeshProblem(const BaseMesh& mesh) {
   if (mesh.patches.empty()) return "there is no patch";
   if (mesh.patches.size() > kMaxPatches) return "there are more than 2^20 patches";

@@ -82,6 +82,8 @@ struct HeightSlopes {
 inline constexpr double kNormalSteps = 1024;
 inline constexpr int32_t kMostPositionSteps = 1 << 23;
 BaseMesh onLattice(const BaseMesh& mesh, double step_mm);
+// The same patches, each next to one shortly before it (open_sides.h): what is coded in their order takes fewer bytes.
+BaseMesh inSequence(const BaseMesh& mesh);
 // A coordinate on such a lattice, or near it, as one on the lattice of another unit.
 float onStep(float v, double step, double new_step);
 

@@ -25,7 +25,7 @@ class PackageOracle final : public ReliefOracle {
   }
   HeightBounds bounds(const NodeId& page) const override {
     auto record = package_->record(PageId(Plane::kRelief, page));
-    if (!record || record->size == 0) return whole_;
+    if (!record) return whole_;
     return {record->relief.min_mm, record->relief.max_mm, record->relief.error_mm};
   }
   bool errorBlocks(const NodeId& page, std::span<float> error_mm) const override {

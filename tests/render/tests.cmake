@@ -65,6 +65,7 @@ relievo_gltest(effects_gltest LIBS relievo_engine relievo_dense_pages SOURCES re
 relievo_gltest(lights_gltest LIBS relievo_engine relievo_dense_pages relievo_lod SOURCES render/lights_gltest.cpp)
 relievo_gltest(pose_gltest LIBS relievo_engine relievo_dense_pages relievo_lod SOURCES render/pose_gltest.cpp)
 relievo_gltest(stage_gltest LIBS relievo_engine relievo_dense_pages relievo_lod SOURCES render/stage_gltest.cpp)
+relievo_test(package_oracle_test LIBS relievo_engine relievo_package SOURCES render/package_oracle_test.cpp)
 relievo_test(stage_test LIBS relievo_engine SOURCES render/stage_test.cpp)
 relievo_test(pose_test LIBS relievo_engine relievo_scan SOURCES render/pose_test.cpp)
 relievo_gltest(relief_shading_gltest LIBS relievo_engine relievo_dense_pages relievo_lod SOURCES render/relief_shading_gltest.cpp)

@@ -5,6 +5,7 @@
 #include <algorithm>
 #include <array>
 #include <bit>
+#include <map>
 #include <memory>
 #include <random>
 #include <string>
@@ -51,7 +52,7 @@ struct Tree {
 };
 
 // How a tree's entries may be: as builders leave them, or of any content that is allowed.
-enum class Content { kUsual, kAny };
+enum class Content { kUsual, kAny, kEmpty };  // kEmpty: usual, but every third page has no bytes
 
 Tree made(const IndexLayout& layout, bool relief, Content content) {
   Tree t{{}, {}, relief};
@@ -66,11 +67,11 @@ Tree made(const IndexLayout& layout, bool relief, Content content) {
   for (const IndexLayout::Block& block : t.blocks) {
     uint8_t* p = t.entries.data() + (block.offset - t.blocks[0].offset);
     for (size_t k = 0; k < (block.bytes - 8) / entry; ++k, p += entry) {
-      const bool usual = content == Content::kUsual;
-      const auto size = static_cast<uint32_t>(usual ? 20 + random() % 200 : random());
+      const bool usual = content != Content::kAny, empty = content == Content::kEmpty && k % 3 > 0;
+      const auto size = static_cast<uint32_t>(empty ? 0 : usual ? 20 + random() % 200 : random());
       storeLittle(p, usual ? offset : kPages + (random() >> (2 + random() % 60)));
       storeLittle(p + 8, size);
-      storeLittle(p + 12, uint64_t{static_cast<uint32_t>(random())});
+      storeLittle(p + 12, uint64_t{static_cast<uint32_t>(empty ? XXH3_64bits("", 0) : random())});
       offset += size;
       if (!relief) continue;
       const uint64_t step = usual ? 74 : 1, least = usual ? 20'000 + step * (random() % 100) : random() % 65'536,
@@ -87,7 +88,8 @@ Tree made(const IndexLayout& layout, bool relief, Content content) {
 struct Entry {
   uint64_t offset = 0, size = 0, hash = 0, min = 0, max = 0, error = 0;
 };
-std::vector<Entry> readInItsWords(std::span<const uint8_t> code, size_t entries, int planes, bool relief) {
+std::vector<Entry> readInItsWords(std::span<const uint8_t> code, size_t entries, int planes, bool relief,
+                                  bool version10) {
   struct Numbers {
     std::array<Model, 64> width;
     std::array<std::array<Model, 2>, 64> upper;
@@ -119,7 +121,7 @@ std::vector<Entry> readInItsWords(std::span<const uint8_t> code, size_t entries,
       e.offset = before ? next - far : next + far;
     }
     e.size = number((*size)[kind]);
-    e.hash = c.plain(32);
+    e.hash = e.size == 0 && version10 ? static_cast<uint32_t>(XXH3_64bits("", 0)) : c.plain(32);
     next = e.offset + e.size;
     if (relief) {
       e.min = least + step * number(*min);
@@ -133,11 +135,17 @@ std::vector<Entry> readInItsWords(std::span<const uint8_t> code, size_t entries,
 }
 
 TEST(IndexCode, IsWithoutLossSmallAndAsThePackagesWordsSay) {
-  const IndexCodeOf of{2, kPages};
   const PackageLayout layout =
       packageLayout(patchesOf(100, 1, 2), TextureFormat{.basis = Basis::kAlbedoNormal}, 4096, 0);
-  for (const Content content : {Content::kUsual, Content::kAny})
+  std::map<std::pair<bool, bool>, size_t> of_empty;  // bytes by relief and version
+  for (const auto& [content, version10] : {std::pair{Content::kUsual, false},
+                                           {Content::kUsual, true},
+                                           {Content::kAny, false},
+                                           {Content::kAny, true},
+                                           {Content::kEmpty, false},
+                                           {Content::kEmpty, true}})
     for (const bool relief : {false, true}) {
+      const IndexCodeOf of{2, kPages, version10};
       const Tree tree = made(relief ? layout.relief : layout.texture, relief, content);
       const auto code = encodeIndexBlocks(of, relief, tree.blocks, tree.entries);
       ASSERT_TRUE(code);
@@ -146,7 +154,7 @@ TEST(IndexCode, IsWithoutLossSmallAndAsThePackagesWordsSay) {
       ASSERT_TRUE(decodeIndexBlocks(*code, of, relief, again.blocks, again.entries));
       const size_t entry = relief ? kReliefEntryBytes : kTextureEntryBytes;
       const size_t entries = (relief ? 1 : 2) * (relief ? layout.relief : layout.texture).nodeCount();
-      const auto words = readInItsWords(*code, entries, 2, relief);
+      const auto words = readInItsWords(*code, entries, 2, relief, version10);
       size_t i = 0;
       for (const IndexLayout::Block& block : tree.blocks)
         for (uint64_t at = 0; at + 8 < block.bytes; at += entry, ++i) {
@@ -165,7 +173,12 @@ TEST(IndexCode, IsWithoutLossSmallAndAsThePackagesWordsSay) {
       if (content == Content::kUsual) {
         EXPECT_LT(code->size(), (relief ? 15 : 11) * entries / 2) << "four bytes a page are its hash";
       }
+      if (content == Content::kEmpty) of_empty[{relief, version10}] = code->size() * 12 / entries;
     }
+  for (const bool relief : {false, true}) {
+    const auto without = of_empty[{relief, true}], with = of_empty[{relief, false}];
+    EXPECT_LE(without + 24, with) << "in 12ths of a byte a page: two of three hashes are missing";
+  }
 }
 
 TEST(IndexCode, RefusesWhatNoBuilderMakes) {
@@ -287,12 +300,12 @@ class CodedIndex : public testing::Test {
 };
 
 TEST_F(CodedIndex, TellsWhatAPlainOneDoes) {
-  EXPECT_EQ(packageVersion(coded_->header()), 9u);
+  EXPECT_EQ(packageVersion(coded_->header()), 10u);
   EXPECT_EQ(packageVersion(plain_->header()), 8u);
   const uint64_t detail = packageLayout(plain_->header()).relief_detail.bytes(),
                  of_pages = plain_->header().index_bytes - detail;
   EXPECT_LT((coded_->header().index_bytes - detail) * 5 / 2, of_pages);
-  uint64_t pages = 0, over_tails = 0;
+  uint64_t pages = 0, over_tails = 0, empty = 0;
   PageDecoder decoder;
   std::vector<uint16_t> a_samples(kReliefPageSamples), b_samples(kReliefPageSamples);
   forEachPage([&](PageId id) {
@@ -306,8 +319,9 @@ TEST_F(CodedIndex, TellsWhatAPlainOneDoes) {
     EXPECT_EQ(page->storedBytes(), a->size);
     const bool root = id.plane() == Plane::kRelief && id.node().level == 0;
     if (root) {  // stored over its tail
-      EXPECT_EQ(page->bytes[0], 14);
+      EXPECT_EQ(page->bytes[0], a->size > 0 ? 14 : 16);
       EXPECT_LT(page->storedBytes(), as_plain->storedBytes());
+      empty += a->size == 0;
       ASSERT_TRUE(decoder.decodeRelief(page->bytes, a_samples) && decoder.decodeRelief(as_plain->bytes, b_samples));
       EXPECT_TRUE(a_samples == b_samples);
       ++over_tails;
@@ -325,6 +339,8 @@ TEST_F(CodedIndex, TellsWhatAPlainOneDoes) {
   });
   EXPECT_EQ(pages, coded_->manifest().page_count);
   EXPECT_EQ(over_tails, coded_->manifest().domain.patchCount());
+  EXPECT_GE(empty, over_tails / 8) << "even ones have no bytes";
+  EXPECT_LT(empty, over_tails / 2) << "control: others do";
   EXPECT_GT(pages, 2 * kIndexChunkEntries) << "several chunks of a tree";
   const auto verified = verifyPackage(*coded_, {});
   ASSERT_TRUE(verified.ok());

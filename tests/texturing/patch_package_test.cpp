@@ -260,7 +260,7 @@ TEST(PatchPackage, otherBasesDeepTreesAndMeshesOfOnePatch) {
       ASSERT_TRUE(build(folder.file("a.relievo"), source, 2, uint64_t{256} << 20, compact).ok());
       auto package = Package::open(folder.file("a.relievo"));
       ASSERT_TRUE(package.ok());
-      EXPECT_EQ(packageVersion((*package)->header()), compact ? 9u : basis > Basis::kAlbedoNormal ? 3u : 2u);
+      EXPECT_EQ(packageVersion((*package)->header()), compact ? 10u : basis > Basis::kAlbedoNormal ? 3u : 2u);
       EXPECT_EQ((*package)->manifest().base->patches, one.patches);
       auto counts = comparePages(**package, source, levelsOf(source), Borders::kNeighbours);
       EXPECT_EQ(counts.texture, 21u * static_cast<unsigned>(source.format().planes()));
@@ -269,7 +269,7 @@ TEST(PatchPackage, otherBasesDeepTreesAndMeshesOfOnePatch) {
   }
 }
 
-// A package of version 9 and an older one tell the same, but for bounds that are rounded away from what they bound.
+// A package of version 10 and an older one tell the same, but for bounds that are rounded away from what they bound.
 TEST(PatchPackage, compactPackagesTellWhatOlderOnesDo) {
   const NoisyPatches source(cubeSphere(2, 50, kSeed), 0, 1, kSeed);
   ScratchFolder folder;
@@ -552,7 +552,7 @@ TEST(PatchPackage, keepsTheBaseMeshAndTellsOfTheScan) {
   EXPECT_NEAR(m.domain.mm_per_px * 128, mean, 1e-4 * mean);
   auto json = nlohmann::json::parse((*package)->manifestJson());
   EXPECT_EQ(json["mesh"]["pieces"], 3);
-  EXPECT_EQ(json["version"], 9);
+  EXPECT_EQ(json["version"], 10);
   EXPECT_EQ(json["base"]["corners"], source.base().corners.size());
   EXPECT_EQ(m.sources.at(0).name, "noise, seed 17");
 }
@@ -756,8 +756,8 @@ TEST_F(BaseOfPackage, hostileHeaderFieldsAreRefused) {
   EXPECT_NE(refusal(), "");
   setField(96, uint64_t{127});
   EXPECT_NE(refusal(), "");
-  // Version 1 knows no albedo and normal, version 3 no basis by its number, versions 4 to 8 say how they store things,
-  // and version 9 is yet to come.
+  // Version 1 knows no albedo and normal, version 3 no basis by its number, versions 4 to 10 say how they store things,
+  // and version 11 is yet to come.
   EXPECT_NE(withField(8, uint32_t{1}).find("expected basis 0, 1 or 2, found 3"), std::string::npos);
   EXPECT_NE(withField(8, uint32_t{3}).find("expected no number of a basis in version 3, found 3"), std::string::npos);
   EXPECT_NE(withField(8, uint32_t{4}).find("expected storage of kind 1 in version 4, found 0"), std::string::npos);
@@ -765,7 +765,8 @@ TEST_F(BaseOfPackage, hostileHeaderFieldsAreRefused) {
   EXPECT_NE(withField(8, uint32_t{6}).find("expected storage of kind 1 in version 6, found 0"), std::string::npos);
   EXPECT_NE(withField(8, uint32_t{7}).find("expected storage of kind 1 in version 7, found 0"), std::string::npos);
   EXPECT_NE(withField(8, uint32_t{8}).find("expected storage of kind 1 in version 8, found 0"), std::string::npos);
-  EXPECT_NE(withField(8, uint32_t{10}).find("version 1 to 9, found 10"), std::string::npos);
+  EXPECT_NE(withField(8, uint32_t{10}).find("expected storage of kind 1 in version 10, found 0"), std::string::npos);
+  EXPECT_NE(withField(8, uint32_t{11}).find("version 1 to 10, found 11"), std::string::npos);
 }
 
 TEST_F(BaseOfPackage, hostileSectionsAreRefusedByName) {

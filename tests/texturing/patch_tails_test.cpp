@@ -234,10 +234,13 @@ TEST(PatchTails, resolvedTailsAreResolvedTexelByTexel) {
 
 TEST(PatchTails, chunksDecodeToWhatWasEncodedAndNothingElse) {
   const PatchTails tails = noise(9, 6);
-  for (TailsStorage storage : {TailsStorage::kZstd, TailsStorage::kCoded}) {
-    const std::vector<uint8_t> bytes = encodeTailsChunk(tails, 2, 5, storage, 3);
+  const std::vector<std::array<uint32_t, 4>> base{{0, 1, 2, 3}, {1, 4, 3, 5},  {2, 3, 6, 7},
+                                                  {9, 8, 4, 1}, {3, 5, 7, 10}, {11, 12, 13, 14}};
+  for (TailsStorage storage : {TailsStorage::kZstd, TailsStorage::kCoded, TailsStorage::kGrids}) {
+    const PatchCorners corners(base.data(), 5), four(base.data(), 4), six(base.data(), 6);
+    const std::vector<uint8_t> bytes = encodeTailsChunk(tails, 2, 5, storage, corners, 3);
     PatchTails back(9, 6);
-    ASSERT_TRUE(decodeTailsChunk(bytes, 2, 5, storage, back).ok());
+    ASSERT_TRUE(decodeTailsChunk(bytes, 2, 5, storage, corners, back).ok());
     for (uint32_t p = 2; p < 7; ++p) {
       EXPECT_TRUE(std::ranges::equal(back.heightsOf(p), const_cast<PatchTails&>(tails).heightsOf(p)));
       EXPECT_TRUE(std::ranges::equal(back.texelsOf(p), const_cast<PatchTails&>(tails).texelsOf(p)));
@@ -245,12 +248,12 @@ TEST(PatchTails, chunksDecodeToWhatWasEncodedAndNothingElse) {
     for (uint32_t p : {0u, 1u, 7u, 8u})
       EXPECT_EQ(std::ranges::count(back.heightsOf(p), 0), std::ssize(back.heightsOf(p)));
     for (size_t length = 0; length < bytes.size(); length += 1 + length / 64)
-      EXPECT_FALSE(decodeTailsChunk({bytes.data(), length}, 2, 5, storage, back).ok()) << length;
-    EXPECT_FALSE(decodeTailsChunk(bytes, 2, 4, storage, back).ok());
-    EXPECT_FALSE(decodeTailsChunk(bytes, 2, 6, storage, back).ok());
+      EXPECT_FALSE(decodeTailsChunk({bytes.data(), length}, 2, 5, storage, corners, back).ok()) << length;
+    EXPECT_FALSE(decodeTailsChunk(bytes, 2, 4, storage, four, back).ok());
+    EXPECT_FALSE(decodeTailsChunk(bytes, 2, 6, storage, six, back).ok());
     // The same chunk whatever patches it stands for.
     PatchTails moved(20, 6);
-    ASSERT_TRUE(decodeTailsChunk(bytes, 13, 5, storage, moved).ok());
+    ASSERT_TRUE(decodeTailsChunk(bytes, 13, 5, storage, corners, moved).ok());
     EXPECT_TRUE(std::ranges::equal(moved.heightsOf(13), back.heightsOf(2)));
   }
 }
@@ -259,7 +262,7 @@ TEST(PatchTails, chunksDecodeToWhatWasEncodedAndNothingElse) {
 // then those of the texels. Writer and reader could agree on anything else.
 TEST(PatchTails, chunksHoldDifferencesToTheLeftOrAtARowsBeginningToAbove) {
   PatchTails tails = noise(3, 3);
-  const std::vector<uint8_t> bytes = encodeTailsChunk(tails, 1, 2, TailsStorage::kZstd, 3);
+  const std::vector<uint8_t> bytes = encodeTailsChunk(tails, 1, 2, TailsStorage::kZstd, {}, 3);
   std::vector<uint8_t> expected, high;
   for (uint32_t p : {1u, 2u}) {
     const std::span<const uint16_t> h = tails.heightsOf(p);

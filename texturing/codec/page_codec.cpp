@@ -59,7 +59,8 @@ enum Packing : uint8_t {
   kCoarseRaw = 10,    // coarse_page.h
   kCoarseZstd = 11,
   kHierarchicalTexels = 12,  // texel_code.h
-  kOverTail = 14             // relief_code.h: its tail's heights, then the code
+  kOverTail = 14,            // relief_code.h: its tail's heights, then the code
+  kOfTail = 16               // its tail's heights; stands for a page that has no bytes, and is never stored
 };
 
 constexpr bool isCoarse(uint8_t packing) { return packing == kCoarseRaw || packing == kCoarseZstd; }
@@ -409,7 +410,8 @@ std::span<const uint8_t> PageEncoder::encodeTextureWithin(std::span<const uint8_
 std::span<const uint8_t> PageEncoder::encodeRelief(std::span<const uint16_t> samples, ReliefEncoding encoding) {
   assert(samples.size() == kReliefPageSamples);
   if (encoding != ReliefEncoding::kRows) {
-    const bool over_tail = encoding == ReliefEncoding::kOverTail;
+    if (encoding == ReliefEncoding::kBeyondTail && isAsItsTailShows(samples)) return {};
+    const bool over_tail = encoding != ReliefEncoding::kHierarchical;
     impl_->hierarchical.assign(1, over_tail ? kOverTail : kHierarchical);
     if (over_tail) encodeReliefCodeOverTail(samples, impl_->relief, impl_->hierarchical);
     else encodeReliefCode(samples, impl_->relief, impl_->hierarchical);
@@ -564,7 +566,11 @@ Result<void> PageDecoder::decodeTexture(std::span<const uint8_t> encoded, std::s
   return {};
 }
 
-bool needsTailHeights(std::span<const uint8_t> stored) { return !stored.empty() && stored[0] == kOverTail; }
+bool needsTailHeights(std::span<const uint8_t> stored) {
+  return !stored.empty() && (stored[0] == kOverTail || stored[0] == kOfTail);
+}
+
+std::vector<uint8_t> emptyReliefPage() { return {kOfTail}; }
 
 void addTailHeights(std::span<const uint16_t> heights, std::vector<uint8_t>& stored) {
   assert(2 * heights.size() == kTailHeightsBytes && needsTailHeights(stored));
@@ -580,7 +586,7 @@ Result<void> PageDecoder::decodeRelief(std::span<const uint8_t> encoded, std::sp
     if (decodeReliefCode(encoded.subspan(1), impl_->relief, samples)) return {};
     return damaged("an encoded page of hierarchical relief has too few bytes or too many");
   }
-  if (encoded[0] == kOverTail) {
+  if (encoded[0] == kOverTail || encoded[0] == kOfTail) {
     constexpr size_t kSamples = (1 << kTailCodeCellsLog2) + 1, kStep = kPagePx >> kTailCodeCellsLog2;
     static_assert(2 * kSamples * kSamples == kTailHeightsBytes);
     const uint8_t* p = encoded.data() + 1;
@@ -588,7 +594,13 @@ Result<void> PageDecoder::decodeRelief(std::span<const uint8_t> encoded, std::sp
     for (size_t y = 0; y < kSamples; ++y)
       for (size_t x = 0; x < kSamples; ++x, p += 2)
         samples[kStep * (y * kReliefSamples + x)] = static_cast<uint16_t>(p[0] | p[1] << 8);
-    if (decodeReliefCodeOverTail(encoded.subspan(1 + kTailHeightsBytes), impl_->relief, samples)) return {};
+    if (encoded[0] == kOfTail && encoded.size() == 1 + kTailHeightsBytes) {
+      showTail(impl_->relief, samples);
+      return {};
+    }
+    if (encoded[0] == kOverTail &&
+        decodeReliefCodeOverTail(encoded.subspan(1 + kTailHeightsBytes), impl_->relief, samples))
+      return {};
     return damaged("an encoded page over its tail has too few bytes or too many");
   }
   if (encoded[1] >= kPredictorCount) return damaged("an encoded page names an unknown predictor");

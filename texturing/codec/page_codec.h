@@ -36,6 +36,7 @@ void reliefSamples(std::span<const uint8_t> texels /* kSlotBytes */,
 // of v from 0.
 inline constexpr size_t kTailHeightsBytes = size_t{2} * 17 * 17;
 bool needsTailHeights(std::span<const uint8_t> stored);
+std::vector<uint8_t> emptyReliefPage();  // needs them, and nothing else
 void addTailHeights(std::span<const uint16_t> heights, std::vector<uint8_t>& stored);
 
 // One per thread: holds the compressor's context and scratch memory.

@@ -35,7 +35,8 @@ using PlaneEncodings = std::array<PageEncoding, kMaxTexturePlanes>;
 enum class ReliefEncoding : uint8_t {
   kRows,          // a predictor a page, row by row, then zstd: decodes in a tenth of the time
   kHierarchical,  // level by level, then range coded (relief_code.h): smaller
-  kOverTail       // the same of a patch's root page, without what its tail has
+  kOverTail,      // the same of a patch's root page, without what its tail has
+  kBeyondTail     // the same, in no bytes where nothing is left: emptyReliefPage() stands for it
 };
 
 inline constexpr int kMinQuantisedBits = 4, kMaxQuantisedBits = 7;

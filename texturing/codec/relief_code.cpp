@@ -2,6 +2,7 @@
 
 #include <cassert>
 
+#include "src/artwork/relief_lattice.h"
 #include "texturing/codec/relief_levels.h"
 #include "texturing/codec/tail_code.h"
 
@@ -21,6 +22,8 @@ class PageCode {
     codeHead(head, known);
     grid_.run(head, samples, known);
   }
+  // Nothing is coded.
+  void runNone(auto samples, int known) { grid_.run(Head{}, samples, known); }
 
  private:
   void codeHead(Head& head, int known) {
@@ -66,6 +69,21 @@ bool decodeReliefCode(std::span<const uint8_t> bytes, ReliefCodeScratch& scratch
 void encodeReliefCodeOverTail(std::span<const uint16_t> samples, ReliefCodeScratch& scratch,
                               std::vector<uint8_t>& out) {
   encodePage(samples, kTailCodeCellsLog2, scratch, out);
+}
+bool isAsItsTailShows(std::span<const uint16_t> samples) {
+  constexpr size_t kSide = kReliefSamples;
+  auto at = [&](size_t x, size_t y) { return static_cast<int>(samples[y * kSide + x]); };
+  for (size_t apart = kPagePx >> kTailCodeCellsLog2; apart > 1; apart /= 2)
+    for (size_t y = 0; y < kSide; y += apart / 2)
+      for (size_t x = y % apart ? 0 : apart / 2; x < kSide; x += y % apart ? apart / 2 : apart) {
+        const size_t dx = x % apart, dy = y % apart;
+        if (at(x, y) != midHeight(at(x - dx, y - dy), at(x + dx, y + dy))) return false;
+      }
+  return true;
+}
+void showTail(ReliefCodeScratch& scratch, std::span<uint16_t> samples) {
+  DecodingCoder none{RangeDecoder({})};
+  PageCode<DecodingCoder>(none, scratch).runNone(samples, kTailCodeCellsLog2);
 }
 bool decodeReliefCodeOverTail(std::span<const uint8_t> bytes, ReliefCodeScratch& scratch, std::span<uint16_t> samples) {
   return decodePage(bytes, kTailCodeCellsLog2, scratch, samples);

@@ -26,6 +26,9 @@ void encodeReliefCode(std::span<const uint16_t> samples /* kReliefSamples^2 */, 
                       std::vector<uint8_t>& out);
 // The same of a page whose tail is known: of its first kTailCodeCellsLog2 levels, which then are not coded.
 void encodeReliefCodeOverTail(std::span<const uint16_t> samples, ReliefCodeScratch& scratch, std::vector<uint8_t>& out);
+// Is nothing left to be coded then? All samples are those that the lattice says between its tail's.
+bool isAsItsTailShows(std::span<const uint16_t> samples);
+void showTail(ReliefCodeScratch& scratch, std::span<uint16_t> samples);  // the others from every 8th one
 // samples: every 8th one, along rows and columns, is the tail's. False: as below.
 bool decodeReliefCodeOverTail(std::span<const uint8_t> bytes, ReliefCodeScratch& scratch, std::span<uint16_t> samples);
 // False: the bytes are not such a page. samples are then of any content.

@@ -215,10 +215,13 @@ struct DecodingCoder {
   uint32_t plain(uint32_t, int count) { return rc.plain(count); }
 };
 
+inline constexpr int32_t kNotGiven = -1;
+
 constexpr int blocksASide(int n) { return std::max(1, n / (2 * kBlockCells)); }
 
 // A grid of 2^kLevels cells a side, but for its head, which the caller codes before it.
-template <int kLevels, class Coder>
+// kGiven: some samples are known already, of any grid, its corners among them.
+template <int kLevels, class Coder, bool kGiven = false>
 class GridCode : Pass<Coder> {
   using P = Pass<Coder>;
   static constexpr int kCells = 1 << kLevels, kSide = kCells + 1;
@@ -230,11 +233,14 @@ class GridCode : Pass<Coder> {
   using Samples = std::span<std::conditional_t<kEncodes, const uint16_t, uint16_t>>;
   GridCode(Coder& coder, Models& models, ReliefCodeScratch& s) : P(coder, models, s), s_(s) {}
 
-  // known: how many levels the samples have already, which are not coded.
-  void run(const Head& head, Samples samples, int known = 0) {
+  // known: how many levels the samples have already, which are not coded. given: samples, kNotGiven where they are not.
+  void run(const Head& head, Samples samples, int known = 0, std::span<const int32_t> given = {}) {
     std::fill_n(s_.sizes.begin(), (kSide + 2 * kMargin) * kRow, uint16_t{0});
     parent_side_ = 0;
-    if (known == 0) corners(head, samples);
+    given_ = given;
+    if (kGiven)
+      for (int k = 0; k < 4; ++k) this->h_[at(k & 1, k >> 1)] = givenAt(k & 1, k >> 1, 1);
+    else if (known == 0) corners(head, samples);
     else load(1 << known, samples);
     for (int level = known; level < kLevels; ++level) {
       const int n = 2 << level;
@@ -286,9 +292,12 @@ class GridCode : Pass<Coder> {
     }
   }
 
+  int32_t givenAt(int x, int y, int n) const { return given_[static_cast<size_t>((y * kSide + x) * (kCells / n))]; }
+  bool isGiven(int x, int y, int n) const { return kGiven && givenAt(x, y, n) != kNotGiven; }
   void fill(int n) {
     for (int y = 0; y <= n; ++y)
-      for (int x = y & 1 ? 0 : 1; x <= n; x += y & 1 ? 1 : 2) this->h_[at(x, y)] = lineOf(this->h_, x, y);
+      for (int x = y & 1 ? 0 : 1; x <= n; x += y & 1 ? 1 : 2)
+        this->h_[at(x, y)] = isGiven(x, y, n) ? givenAt(x, y, n) : lineOf(this->h_, x, y);
   }
   void load(int n, std::span<const uint16_t> samples) {
     const int step = kCells / n;
@@ -301,13 +310,15 @@ class GridCode : Pass<Coder> {
     const int i = at(x, y), line = lineOf(this->h_, x, y);
     const Steps hint = stepsOf(predicted<kHow>(this->h_, x, y, n, line) - line, step);
     int e = 0;
-    if constexpr (kEncodes) e = (this->h_[i] - line) / step - hint.whole;
-    if (open) {
+    const bool given = isGiven(x, y, n);
+    if (given) this->h_[i] = givenAt(x, y, n);
+    if (kEncodes || given) e = (this->h_[i] - line) / step - hint.whole;
+    if (open && !given) {
       const uint32_t around = middle ? P::aroundMiddle(i) : P::aroundEdge(i, x & 1);
       P::residual(context_level, middle, around, hint.fraction, e);
     }
     this->e_[i] = static_cast<uint16_t>(std::min(std::abs(e), kMostSize));
-    if constexpr (!kEncodes) this->h_[i] = stepsFrom(line, hint.whole + e, step);
+    if (!kEncodes && !given) this->h_[i] = stepsFrom(line, hint.whole + e, step);
     return e != 0;
   }
 
@@ -319,6 +330,7 @@ class GridCode : Pass<Coder> {
     if constexpr (kEncodes) {
       for (int y = 0; y <= n; ++y) {
         for (int x = y & 1 ? 0 : 1; x <= n; x += y & 1 ? 1 : 2) {
+          if (isGiven(x, y, n)) continue;
           const int line = lineOf(this->h_, x, y);
           const Steps hint = stepsOf(predicted<kHow>(this->h_, x, y, n, line) - line, step);
           if ((this->h_[at(x, y)] - line) / step != hint.whole)
@@ -352,22 +364,26 @@ class GridCode : Pass<Coder> {
   }
 
   ReliefCodeScratch& s_;
+  std::span<const int32_t> given_;
   std::array<uint8_t, 64> parent_{};
   int parent_side_ = 0;
 };
 
 // The samples' residuals by the lattice's rule: what they have in common, and the finest level that has any.
+// Those of given samples (GridCode) do not count, and stepped_corners is not set where some are.
 template <int kLevels>
-Head headOf(std::span<const uint16_t> samples, ReliefCodeScratch& s) {
+Head headOf(std::span<const uint16_t> samples, ReliefCodeScratch& s, std::span<const int32_t> given = {}) {
   constexpr int kCells = 1 << kLevels, kSide = kCells + 1;
   Head head;
   auto sample = [&](int x, int y) { return static_cast<int>(samples[static_cast<size_t>(y * kSide + x)]); };
+  auto isGiven = [&](int x, int y) { return !given.empty() && given[static_cast<size_t>(y * kSide + x)] != kNotGiven; };
   std::array<int, kLevels> common{};
   for (int level = 0; level < kLevels; ++level) {
     const int n = 2 << level, h = kCells / n;
     int& of_level = common[static_cast<size_t>(level)];
     for (int y = 0; y <= n; ++y) {
       for (int x = y & 1 ? 0 : 1; x <= n; x += y & 1 ? 1 : 2) {
+        if (isGiven(x * h, y * h)) continue;
         const int dx = x & 1 ? h : 0, dy = y & 1 ? h : 0;
         const int line = midHeight(sample(x * h - dx, y * h - dy), sample(x * h + dx, y * h + dy));
         if (const int r = sample(x * h, y * h) - line; of_level != 1 && r != 0) of_level = std::gcd(of_level, r);
@@ -381,8 +397,8 @@ Head headOf(std::span<const uint16_t> samples, ReliefCodeScratch& s) {
     for (uint32_t k = 0; k < std::size(kTimes); ++k)
       if (common[level] % static_cast<int>(head.step * kTimes[k]) == 0) head.times[level] = k;
   const int c0 = sample(0, 0), step = head.stepOf(0);
-  head.stepped_corners = (sample(kCells, 0) - c0) % step == 0 && (sample(0, kCells) - c0) % step == 0 &&
-                         (sample(kCells, kCells) - c0) % step == 0;
+  head.stepped_corners = given.empty() && (sample(kCells, 0) - c0) % step == 0 &&
+                         (sample(0, kCells) - c0) % step == 0 && (sample(kCells, kCells) - c0) % step == 0;
   // The prediction that leaves least, level by level.
   for (int level = 0; level < head.levels; ++level) {
     const int n = 2 << level, h = kCells / n;
@@ -393,6 +409,7 @@ Head headOf(std::span<const uint16_t> samples, ReliefCodeScratch& s) {
     uint64_t cost[kPredictions] = {};
     for (int y = 0; y <= n; ++y) {
       for (int x = y & 1 ? 0 : 1; x <= n; x += y & 1 ? 1 : 2) {
+        if (isGiven(x * h, y * h)) continue;
         const int line = lineOf(grid, x, y), k = (grid[at(x, y)] - line) / own;
         auto add = [&](Prediction how, int value) {
           cost[how] += static_cast<uint64_t>(std::abs(k - stepsOf(value - line, own).whole));

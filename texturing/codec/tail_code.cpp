@@ -8,6 +8,8 @@
 
 #include "texturing/codec/relief_levels.h"
 #include "texturing/codec/residual_code.h"
+#include "texturing/codec/tail_grid.h"
+#include "texturing/codec/tail_heights.h"
 
 namespace relievo {
 namespace tail_code {
@@ -16,55 +18,10 @@ namespace {
 using relief_levels::DecodingCoder;
 using relief_levels::EncodingCoder;
 
-constexpr int kHeightLevels = kTailCodeCellsLog2;
-constexpr size_t kHeights = ((1 << kHeightLevels) + 1) * ((1 << kHeightLevels) + 1);
+using tail_heights::kHeights;
 constexpr int kSide = kTailCodeTexels, kLevels = 4;
 constexpr size_t kTexels = 256 + 64 + 16 + 4;        // of a channel
 constexpr size_t kLengthBytes = kTailCodeHeadBytes;  // before each stream
-
-// ---- heights ----
-
-template <int kBits, class Coder>
-uint32_t codeSymbol(Coder& coder, std::array<BitModel, 1 << kBits>& models, uint32_t symbol) {
-  uint32_t node = 1;
-  for (int i = kBits - 1; i >= 0; --i) node = node << 1 | coder.bit(models[node], symbol >> i & 1);
-  return node - (1u << kBits);
-}
-
-// What relief pages state plainly is the same in most patches of a scan.
-template <class Coder>
-class HeightsCode {
-  using Samples = typename relief_levels::GridCode<kHeightLevels, Coder>::Samples;
-
- public:
-  HeightsCode(Coder& coder, ReliefCodeScratch& s) : coder_(coder), grid_(coder, models_, s) {}
-  void run(relief_levels::Head& head, Samples samples) {
-    codeHead(head);
-    grid_.run(head, samples);
-  }
-
- private:
-  void codeHead(relief_levels::Head& head) {
-    if (coder_.bit(other_step_, head.step != step_)) step_ = coder_.plain(head.step, 16);
-    head.step = step_ = std::max(step_, 1u);  // 0: of damaged bytes
-    head.levels =
-        std::min(static_cast<int>(codeSymbol<3>(coder_, levels_, static_cast<uint32_t>(head.levels))), kHeightLevels);
-    head.stepped_corners = coder_.bit(stepped_corners_, head.stepped_corners);
-    for (size_t l = 0; l < static_cast<size_t>(head.levels); ++l) {
-      head.how[l] = codeSymbol<2>(coder_, how_[l], head.how[l]);
-      head.times[l] = codeSymbol<3>(coder_, times_[l], head.times[l]);
-    }
-  }
-
-  Coder& coder_;
-  relief_levels::Models models_ = relief_levels::kFirstModels;
-  relief_levels::GridCode<kHeightLevels, Coder> grid_;
-  uint32_t step_ = 1;
-  BitModel other_step_, stepped_corners_;
-  std::array<BitModel, 8> levels_;
-  std::array<std::array<BitModel, 4>, kHeightLevels> how_;
-  std::array<std::array<BitModel, 8>, kHeightLevels> times_;
-};
 
 // ---- texels ----
 
@@ -335,78 +292,125 @@ bool takeStream(std::span<const uint8_t>& bytes, std::span<const uint8_t>& strea
   return true;
 }
 
-void encode(std::span<const uint16_t> heights, std::span<const uint8_t> texels, int channels,
+template <class Encode>
+void appendCode(std::vector<uint8_t>& out, Encode encode) {
+  EncodingCoder coder{RangeEncoder(out)};
+  encode(coder);
+  coder.rc.finish();
+}
+
+void encode(std::span<const uint16_t> heights, std::span<const uint8_t> texels, int channels, PatchCorners corners,
             std::vector<uint8_t>& out) {
   assert(channels % 3 == 0 && heights.size() % kHeights == 0);
   const size_t patches = heights.size() / kHeights;
   assert(texels.size() == patches * kTexels * static_cast<size_t>(channels));
+  assert(corners.empty() || corners.size() == patches);
+  const auto scratch = std::make_unique<ReliefCodeScratch>();
   appendStream(out, [&] {
-    const auto scratch = std::make_unique<ReliefCodeScratch>();
-    EncodingCoder coder{RangeEncoder(out)};
-    const auto code = std::make_unique<HeightsCode<EncodingCoder>>(coder, *scratch);
-    for (size_t p = 0; p < patches; ++p) {
-      const auto of_patch = heights.subspan(p * kHeights, kHeights);
-      auto head = relief_levels::headOf<kHeightLevels>(of_patch, *scratch);
-      code->run(head, of_patch);
-    }
-    coder.rc.finish();
+    appendCode(out, [&](EncodingCoder& coder) {
+      if (corners.empty()) tail_heights::PlainCode<EncodingCoder>(coder, *scratch).run(heights);
+      else tail_heights::SharedCode<EncodingCoder>(coder, *scratch, corners).run(heights);
+    });
   });
   for (int plane = 0; plane < channels / 3; ++plane)
-    appendStream(
-        out, [&] { encodePlane(texels, patches, channels, plane, bestMode(texels, patches, channels, plane), out); });
+    appendStream(out, [&] {
+      if (corners.empty())
+        return encodePlane(texels, patches, channels, plane, bestMode(texels, patches, channels, plane), out);
+      appendCode(out, [&](EncodingCoder& coder) {
+        const auto code = std::make_unique<tail_grid::PlaneCode<EncodingCoder>>(coder);
+        for (size_t p = 0; p < patches; ++p) code->patch(levelsOf(texels, p, channels, plane), corners[p]);
+      });
+    });
 }
 
 // Takes them from the bytes.
-bool decodeHeights(std::span<const uint8_t>& bytes, std::span<uint16_t> heights) {
-  assert(heights.size() % kHeights == 0);
+bool decodeHeights(std::span<const uint8_t>& bytes, PatchCorners corners, std::span<uint16_t> heights) {
+  assert(heights.size() % kHeights == 0 && (corners.empty() || corners.size() == heights.size() / kHeights));
   std::span<const uint8_t> stream;
   if (!takeStream(bytes, stream)) return false;
   const auto scratch = std::make_unique<ReliefCodeScratch>();
   DecodingCoder coder{RangeDecoder(stream)};
-  const auto code = std::make_unique<HeightsCode<DecodingCoder>>(coder, *scratch);
-  for (size_t p = 0; p < heights.size() / kHeights; ++p) {
-    relief_levels::Head head;
-    code->run(head, heights.subspan(p * kHeights, kHeights));
-    if (coder.rc.exhausted()) return false;
-  }
+  const auto exhausted = [&] { return coder.rc.exhausted(); };
+  if (corners.empty()) tail_heights::PlainCode<DecodingCoder>(coder, *scratch).run(heights, exhausted);
+  else tail_heights::SharedCode<DecodingCoder>(coder, *scratch, corners).run(heights, exhausted);
   return coder.rc.whole();
 }
 
-bool decode(std::span<const uint8_t> bytes, int channels, std::span<uint16_t> heights, std::span<uint8_t> texels) {
+bool decodeRows(std::span<const uint8_t> stream, int channels, int plane, std::span<uint8_t> texels) {
+  if (stream.empty() || stream[0] >= kModes) return false;
+  DecodingCoder coder{RangeDecoder(stream.subspan(1))};
+  const auto code = std::make_unique<PlaneCode<DecodingCoder>>(coder, static_cast<Mode>(stream[0]));
+  const size_t patches = texels.size() / (kTexels * static_cast<size_t>(channels));
+  for (size_t p = 0; p < patches && !coder.rc.exhausted(); ++p) code->patch(levelsOf(texels, p, channels, plane));
+  return coder.rc.whole();
+}
+bool decodeGrids(std::span<const uint8_t> stream, int channels, int plane, PatchCorners corners,
+                 std::span<uint8_t> texels) {
+  DecodingCoder coder{RangeDecoder(stream)};
+  const auto code = std::make_unique<tail_grid::PlaneCode<DecodingCoder>>(coder);
+  for (size_t p = 0; p < corners.size() && !coder.rc.exhausted(); ++p)
+    code->patch(levelsOf(texels, p, channels, plane), corners[p]);
+  return coder.rc.whole();
+}
+
+bool decode(std::span<const uint8_t> bytes, int channels, PatchCorners corners, std::span<uint16_t> heights,
+            std::span<uint8_t> texels) {
   assert(channels % 3 == 0);
-  const size_t patches = heights.size() / kHeights;
-  assert(texels.size() == patches * kTexels * static_cast<size_t>(channels));
+  assert(texels.size() == heights.size() / kHeights * kTexels * static_cast<size_t>(channels));
   std::span<const uint8_t> stream;
-  if (!decodeHeights(bytes, heights)) return false;
-  for (int plane = 0; plane < channels / 3; ++plane) {
-    if (!takeStream(bytes, stream) || stream.empty() || stream[0] >= kModes) return false;
-    DecodingCoder coder{RangeDecoder(stream.subspan(1))};
-    const auto code = std::make_unique<PlaneCode<DecodingCoder>>(coder, static_cast<Mode>(stream[0]));
-    for (size_t p = 0; p < patches && !coder.rc.exhausted(); ++p) code->patch(levelsOf(texels, p, channels, plane));
-    if (!coder.rc.whole()) return false;
-  }
+  if (!decodeHeights(bytes, corners, heights)) return false;
+  for (int plane = 0; plane < channels / 3; ++plane)
+    if (!takeStream(bytes, stream) || !(corners.empty() ? decodeRows(stream, channels, plane, texels)
+                                                        : decodeGrids(stream, channels, plane, corners, texels)))
+      return false;
   return bytes.empty();
+}
+
+void roundToGrids(std::span<uint8_t> texels, int channels, int plane, int most, double rms) {
+  const size_t patches = texels.size() / (kTexels * static_cast<size_t>(channels));
+  tail_grid::Plan plan;
+  tail_grid::Channels from;
+  for (size_t p = 0; p < patches; ++p) {
+    const auto levels = levelsOf(texels, p, channels, plane);
+    for (size_t c = 0; c < 3; ++c) std::copy_n(levels[0] + c * from[c].size(), from[c].size(), from[c].begin());
+    tail_grid::planWithin(from, most, rms, plan);
+    for (size_t c = 0; c < 3; ++c)
+      std::copy(plan.texels[c].begin(), plan.texels[c].end(), levels[0] + c * from[c].size());
+    for (size_t level = 1; level < kLevels; ++level) {
+      const int side = kSide >> level;
+      for (size_t c = 0; c < 3; ++c) {
+        const size_t of_channel = static_cast<size_t>(side * side);
+        uint8_t* to = levels[level] + c * of_channel;
+        for (int y = 0; y < side; ++y)
+          for (int x = 0; x < side; ++x, ++to) {
+            const int mean = tail_grid::sumOfFour(levels[level - 1] + c * 4 * of_channel, side, x, y) >> 2;
+            if (std::abs(*to - mean) <= tail_grid::kReaches[plan.reach]) *to = static_cast<uint8_t>(mean);
+          }
+      }
+    }
+  }
 }
 
 }  // namespace
 }  // namespace tail_code
 
 void encodeTailCode(std::span<const uint16_t> heights, std::span<const uint8_t> texels, int channels,
-                    std::vector<uint8_t>& out) {
-  tail_code::encode(heights, texels, channels, out);
+                    PatchCorners corners, std::vector<uint8_t>& out) {
+  tail_code::encode(heights, texels, channels, corners, out);
 }
 
-bool decodeTailCode(std::span<const uint8_t> bytes, int channels, std::span<uint16_t> heights,
+bool decodeTailCode(std::span<const uint8_t> bytes, int channels, PatchCorners corners, std::span<uint16_t> heights,
                     std::span<uint8_t> texels) {
-  return tail_code::decode(bytes, channels, heights, texels);
+  return tail_code::decode(bytes, channels, corners, heights, texels);
 }
 
-bool decodeTailHeights(std::span<const uint8_t> bytes, std::span<uint16_t> heights) {
-  return tail_code::decodeHeights(bytes, heights);
+bool decodeTailHeights(std::span<const uint8_t> bytes, PatchCorners corners, std::span<uint16_t> heights) {
+  return tail_code::decodeHeights(bytes, corners, heights);
 }
 
-void roundTailTexels(std::span<uint8_t> texels, int channels, int plane, int most, double rms) {
-  tail_code::round(texels, channels, plane, most, rms);
+void roundTailTexels(std::span<uint8_t> texels, int channels, int plane, TailTolerance within) {
+  if (within.grids) tail_code::roundToGrids(texels, channels, plane, within.most, within.rms);
+  else tail_code::round(texels, channels, plane, within.most, within.rms);
 }
 
 uint64_t tailCodeHeightBytes(std::span<const uint8_t> bytes) {

@@ -10,6 +10,7 @@
 #include <optional>
 #include <type_traits>
 
+#include "src/artwork/open_sides.h"
 #include "texturing/codec/range_coder.h"
 #include "texturing/codec/relief_levels.h"
 #include "texturing/package/package_layout.h"
@@ -60,12 +61,13 @@ class BaseCode {
 
  public:
   // section: read by an encoder, and written by both.
-  BaseCode(Coder& coder, std::span<uint8_t> section, uint32_t corners, uint32_t patches, bool depths)
+  BaseCode(Coder& coder, std::span<uint8_t> section, uint32_t corners, uint32_t patches, bool depths, BaseCodeKind kind)
       : coder_(coder),
         out_(section.data()),
         corners_(corners),
         patches_(patches),
         depths_(depths),
+        by_sides_(kind == BaseCodeKind::kBySides),
         at_(corners, patches) {}
 
   // step: of the lattice of positions; an encoder's. False: damaged.
@@ -74,7 +76,8 @@ class BaseCode {
     if (!quads()) return false;
     positions(step);
     normals();
-    errors();
+    if (by_sides_) errorsByTwist();
+    else errors();
     blocks();
     slopes();
     shapes();
@@ -124,37 +127,104 @@ class BaseCode {
 
   // ---- which corners patches have ----
   // A corner that comes for the first time is the next one; others are found by how long ago they were named.
+  static constexpr uint32_t kRecent = 62;
+  uint64_t quadAt(uint32_t patch, size_t k) const { return at_.quads + 16 * uint64_t{patch} + 4 * k; }
   bool quads() {
-    std::vector<uint32_t> recent;  // the latest last
-    uint32_t next = 0;
-    constexpr size_t kRecent = 62;
+    OpenSides open;
     for (uint32_t p = 0; p < patches_; ++p) {
-      for (size_t k = 0; k < 4; ++k) {
-        const uint64_t at = at_.quads + 16 * uint64_t{p} + 4 * k;
-        uint32_t corner = wordAt(at), rank = 0;
-        if constexpr (kEncodes) {
-          const auto found = std::find(recent.rbegin(), recent.rend(), corner);
-          rank = corner == next           ? 0
-                 : found != recent.rend() ? 1 + static_cast<uint32_t>(found - recent.rbegin())
-                                          : kRecent + 1;
-        }
-        rank = symbol<6>(rank_[k][last_new_], rank);
-        last_new_ = rank == 0;
-        if (rank == kRecent + 1) corner = coder_.plain(corner, 32);
-        else if (rank == 0) corner = next;
-        else if (rank > recent.size()) return false;
-        else corner = recent[recent.size() - rank];
-        if (corner >= corners_) return false;
-        if (corner == next) ++next;
-        storeLittle(out_ + at, corner);
-        if (const auto found = std::find(recent.begin(), recent.end(), corner); found != recent.end())
-          recent.erase(found);
-        recent.push_back(corner);
-        if (recent.size() > kRecent) recent.erase(recent.begin());
-      }
+      size_t reached_by = 0;  // side of the patch's loop
+      bool found = false;
+      if (by_sides_ && !quadAtSide(p, open, found, reached_by)) return false;
+      for (size_t k = 0; k < 4 && !found; ++k)
+        if (!corner(quadAt(p, k), k)) return false;
+      if (by_sides_) open.take(quadOf(p), reached_by);
     }
     listUses();
     return true;
+  }
+  std::array<uint32_t, 4> quadOf(uint32_t p) const {
+    return {wordAt(quadAt(p, 0)), wordAt(quadAt(p, 1)), wordAt(quadAt(p, 2)), wordAt(quadAt(p, 3))};
+  }
+  // False: damaged.
+  bool corner(uint64_t at, size_t k) {
+    uint32_t corner = wordAt(at), rank = 0;
+    if constexpr (kEncodes) {
+      const auto found = std::find(recent_.rbegin(), recent_.rend(), corner);
+      rank = corner == next_           ? 0
+             : found != recent_.rend() ? 1 + static_cast<uint32_t>(found - recent_.rbegin())
+                                       : kRecent + 1;
+    }
+    rank = symbol<6>(rank_[k][last_new_], rank);
+    last_new_ = rank == 0;
+    if (rank == kRecent + 1) corner = coder_.plain(corner, 32);
+    else if (rank == 0) corner = next_;
+    else if (rank > recent_.size()) return false;
+    else corner = recent_[recent_.size() - rank];
+    return named(at, corner);
+  }
+  bool named(uint64_t at, uint32_t corner) {
+    if (corner >= corners_) return false;
+    if (corner == next_) ++next_;
+    storeLittle(out_ + at, corner);
+    if (const auto found = std::find(recent_.begin(), recent_.end(), corner); found != recent_.end())
+      recent_.erase(found);
+    recent_.push_back(corner);
+    if (recent_.size() > kRecent) recent_.erase(recent_.begin());
+    return true;
+  }
+
+  // A patch at the newest open side, or one of few before it, has two corners of that; those before it are closed. The
+  // other two are new, or at the end of another open side, or any. found: it is such a patch. False: damaged.
+  bool quadAtSide(uint32_t p, OpenSides& open, bool& found, size_t& reached_by) {
+    constexpr uint32_t kNoSide = 63;
+    uint32_t side = OpenSides::kNone, skipped = kNoSide;
+    if constexpr (kEncodes) {
+      const auto quad = quadOf(p);
+      uint32_t newest = open.newest();
+      for (uint32_t n = 0; n < kNoSide && newest != OpenSides::kNone && skipped == kNoSide; ++n) {
+        for (size_t i = 0; i < 4; ++i)
+          if (open.between(quad[OpenSides::corner(i)], quad[OpenSides::corner(i + 1)]) == newest)
+            reached_by = i, skipped = n, side = newest;
+        newest = open[newest].older;
+      }
+    }
+    skipped = symbol<6>(skipped_, skipped);
+    found = skipped != kNoSide;
+    if (!found) return true;
+    for (; skipped > 0 && open.newest() != OpenSides::kNone; --skipped) open.close(open.newest());
+    side = open.newest();
+    if (side == OpenSides::kNone) return false;
+    const uint32_t from = open[side].from, to = open[side].to;
+    reached_by = symbol<2>(reached_by_[last_reached_by_], static_cast<uint32_t>(reached_by));
+    last_reached_by_ = reached_by;
+    const size_t first = OpenSides::corner(reached_by), second = OpenSides::corner(reached_by + 1);
+    // Patches that face alike run along their common side in opposite directions.
+    const bool alike = coder_.bit(alike_, kEncodes && wordAt(quadAt(p, first)) == to);
+    std::array<uint32_t, 4> quad{OpenSides::kNone, OpenSides::kNone, OpenSides::kNone, OpenSides::kNone};
+    quad[first] = alike ? to : from;
+    quad[second] = alike ? from : to;
+    for (size_t k = 0; k < 4; ++k) {
+      if (k == first || k == second) {
+        if (!named(quadAt(p, k), quad[k])) return false;
+        continue;
+      }
+      const uint32_t beside = quad[k == OpenSides::corner(reached_by + 2) ? second : first];
+      const uint32_t expected = open.beyond(beside, quad);
+      if (!cornerBeside(quadAt(p, k), k, expected)) return false;
+      quad[k] = wordAt(quadAt(p, k));
+    }
+    return true;
+  }
+  bool cornerBeside(uint64_t at, size_t k, uint32_t expected) {
+    const bool known = expected != OpenSides::kNone;
+    const uint32_t own = wordAt(at);
+    if (!known || !coder_.bit(expected_[last_expected_], kEncodes && own == expected)) {
+      last_expected_ = known ? 0 : last_expected_;
+      const bool is_new = coder_.bit(new_[known], kEncodes && own == next_);
+      return is_new ? named(at, next_) : corner(at, k);
+    }
+    last_expected_ = 1;
+    return named(at, expected);
   }
   uint32_t cornerOf(uint32_t use) const { return wordAt(at_.quads + 4 * uint64_t{use}); }
   void listUses() {
@@ -210,9 +280,10 @@ class BaseCode {
     auto bits = std::bit_cast<uint64_t>(step);
     const uint64_t high = coder_.plain(static_cast<uint32_t>(bits >> 32), 32);
     bits = high << 32 | coder_.plain(static_cast<uint32_t>(bits), 32);
-    step = std::bit_cast<double>(bits);
-    std::vector<int32_t> values(corners_);
+    step = step_ = std::bit_cast<double>(bits);
     for (int axis = 0; axis < 3; ++axis) {
+      std::vector<int32_t>& values = positions_[static_cast<size_t>(axis)];
+      values.resize(corners_);
       for (uint32_t c = 0; c < corners_; ++c) {
         const int32_t from = predicted(values, c);
         const int32_t k = kEncodes ? *onStep(cornerAt(c, axis), step) : 0;
@@ -292,6 +363,52 @@ class BaseCode {
       }
     }
   }
+  // A patch without heights is off a grid of 2^k cells by a quarter of its corners' twist, over 4^k, and by what the
+  // finest grid itself is off.
+  void errorsByTwist() {
+    const auto order = orderOf(at_.errors, kErrors * patches_);
+    if (!order) return;
+    size_t last = 0;
+    for (uint32_t p = 0; p < patches_; ++p) {
+      const double twist = twistOf(p);
+      int32_t finer = 0, finest = 0;
+      size_t near = last;  // how near the one before was to what was expected
+      bool ends = false;   // the finest grid itself is off
+      for (size_t k = kErrors; k-- > 0;) {
+        const double own = std::ldexp(twist, -2 * static_cast<int>(k)),
+                     least = std::bit_cast<float>(order->bits(finest));
+        const bool first = k == kErrors - 1;
+        int32_t from = orderOf(*order, first || !ends ? own : own > least ? own + least : least);
+        if (near >= kFar) from = first ? from : finer;
+        word(at_.errors + sizeof(CoarseErrors) * p + 4 * k, [&](uint32_t v) {
+          const int32_t step = limited(signedNumber(error_by_twist_[k][ends][near], order->of(v) - from));
+          finer = std::clamp(from + step, -order->most(), order->most());
+          return order->bits(finer);
+        });
+        const int32_t off = std::abs(finer - orderOf(*order, first || !ends ? own : own > least ? own + least : least));
+        const int size = std::bit_width(static_cast<uint32_t>(off)) + order->spare;
+        if (first) finest = finer, ends = finer > orderOf(*order, own) + 1;
+        near = first && ends ? 0 : off <= 1 ? 0 : size <= 3 ? 1 : size <= 5 ? 2 : size <= 7 ? kFar : kFar + 1;
+      }
+      last = near;
+    }
+  }
+  static constexpr size_t kFar = 3;
+  static int32_t orderOf(const Order& order, double v) {
+    return std::min(order.of(std::bit_cast<uint32_t>(static_cast<float>(v))), order.most());
+  }
+  // A quarter of it; 0 where positions are not on steps. Exact but for the root and the step.
+  double twistOf(uint32_t p) const {
+    if (positions_[0].empty()) return 0;
+    int64_t squares = 0;
+    for (const auto& of : positions_) {
+      const auto quad = quadOf(p);
+      const int64_t t = int64_t{of[quad[0]]} - of[quad[1]] - of[quad[2]] + of[quad[3]];
+      squares += t * t;
+    }
+    return std::sqrt(static_cast<double>(squares)) * (step_ / 4);
+  }
+
   // The least and the largest are often of one size, along u and v, too.
   void slopes() {
     const auto order = orderOf(at_.slopes, 4 * uint64_t{patches_});
@@ -382,28 +499,53 @@ class BaseCode {
             std::fill_n(own, 5, uint8_t{255});
             continue;
           }
+          const uint8_t* coarser = by_sides_ && was != 0 ? coarserShape(s - 5 * first, grid, i) : nullptr;
+          if (coarser && isUnknown(coarser)) coarser = nullptr;
+          auto& models = coarser ? part_by_coarser_ : part_;
           for (size_t k = 0; k < 5; ++k) {
-            const size_t beside = left && was != 1 ? stepOf(left[k], kSteps) : 8,
+            const size_t beside = coarser            ? stepOf(coarser[k], kSteps)
+                                  : left && was != 1 ? stepOf(left[k], kSteps)
+                                                     : 8,
                          before = k > 0 ? stepOf(own[k - 1], kSteps) : 0;
-            own[k] = static_cast<uint8_t>(shareOf(symbol<3>(part_[k][before][beside], stepOf(own[k], kSteps)), kSteps));
+            own[k] =
+                static_cast<uint8_t>(shareOf(symbol<3>(models[k][before][beside], stepOf(own[k], kSteps)), kSteps));
           }
         }
       }
     }
   }
 
+  // What the patch's coarser grid has where block i of a grid lies.
+  static const uint8_t* coarserShape(const uint8_t* of_patch, size_t grid, size_t i) {
+    if (grid == 0) return nullptr;
+    if (grid <= kFirstShapedBlock) return of_patch + 5 * (grid - 1);
+    const size_t side = size_t{2} << (grid - kFirstShapedBlock), x = i % side, y = i / side;
+    return of_patch +
+           5 * (kFirstShapedBlock + kFirstCoarseBlock[grid - 1 - kFirstShapedBlock] + y / 2 * (side / 2) + x / 2);
+  }
+
   static constexpr int32_t kMostSteps = kMostPositionSteps;
   Coder& coder_;
   uint8_t* out_;
   uint32_t corners_, patches_;
-  bool depths_, damaged_ = false;
+  const bool depths_, by_sides_;
+  bool damaged_ = false;
   Places at_;
+  double step_ = 0;
+  std::array<std::vector<int32_t>, 3> positions_;  // in steps
+  std::vector<uint32_t> recent_;                   // corners, the latest last
+  uint32_t next_ = 0;
   std::vector<uint32_t> first_, uses_;  // uses_[first_[c]] .. : the places, four a patch, that name corner c
   std::array<std::array<std::array<BitModel, 64>, 2>, 4> rank_;
   size_t last_new_ = 0;
+  std::array<BitModel, 64> skipped_;
+  std::array<std::array<BitModel, 4>, 4> reached_by_;
+  size_t last_reached_by_ = 0, last_expected_ = 0;
+  BitModel alike_, expected_[2], new_[2];
   std::array<NumberModels, 3> position_;
   std::array<NumberModels, 2> normal_;
   std::array<std::array<NumberModels, 5>, kErrors> error_;
+  std::array<std::array<std::array<NumberModels, kFar + 2>, 2>, kErrors> error_by_twist_;
   std::array<NumberModels, 4> slope_;
   std::array<BitModel, kBlockedGrids> same_;
   std::array<std::array<BitModel, 16>, kBlockedGrids> same_share_;
@@ -411,14 +553,14 @@ class BaseCode {
   std::array<std::array<BitModel, 2>, kFirstShapedBlock + kBlockedGrids> all_unknown_;
   size_t was_unknown_ = 0;
   std::array<BitModel, 3> unknown_;
-  std::array<std::array<std::array<std::array<BitModel, 8>, 9>, 8>, 5> part_;
+  std::array<std::array<std::array<std::array<BitModel, 8>, 9>, 8>, 5> part_, part_by_coarser_;
   std::array<BitModel, 256> depth_;
 };
 
 }  // namespace
 }  // namespace base_code
 
-std::vector<uint8_t> encodeBaseCode(std::span<const uint8_t> section, double step_mm) {
+std::vector<uint8_t> encodeBaseCode(std::span<const uint8_t> section, double step_mm, BaseCodeKind kind) {
   const auto corners = loadLittle<uint32_t>(section.data()), patches = loadLittle<uint32_t>(section.data() + 4);
   const bool depths = section.size() != baseSectionBytes(corners, patches);
   assert(!depths || section.size() == baseSectionBytes(corners, patches, BaseSectionEnd::kTextureDepths));
@@ -426,13 +568,14 @@ std::vector<uint8_t> encodeBaseCode(std::span<const uint8_t> section, double ste
   storeLittle(out.data(), corners);
   base_code::EncodingCoder coder{RangeEncoder(out)};
   const auto code =
-      std::make_unique<base_code::BaseCode<base_code::EncodingCoder>>(coder, copy, corners, patches, depths);
+      std::make_unique<base_code::BaseCode<base_code::EncodingCoder>>(coder, copy, corners, patches, depths, kind);
   code->run(step_mm);
   coder.rc.finish();
   return out;
 }
 
-Result<std::vector<uint8_t>> decodeBaseCode(std::span<const uint8_t> code, uint32_t patches, BaseSectionEnd end) {
+Result<std::vector<uint8_t>> decodeBaseCode(std::span<const uint8_t> code, uint32_t patches, BaseSectionEnd end,
+                                            BaseCodeKind kind) {
   assert(end >= BaseSectionEnd::kShapes);
   if (code.size() < kLeastCodedBaseBytes)
     return damagedBaseMesh("expected at least 8 bytes, found " + std::to_string(code.size()));
@@ -443,7 +586,7 @@ Result<std::vector<uint8_t>> decodeBaseCode(std::span<const uint8_t> code, uint3
   storeLittle(section.data() + 4, patches);
   base_code::DecodingCoder coder{RangeDecoder(code.subspan(4))};
   const auto decoder = std::make_unique<base_code::BaseCode<base_code::DecodingCoder>>(
-      coder, section, corners, patches, end == BaseSectionEnd::kTextureDepths);
+      coder, section, corners, patches, end == BaseSectionEnd::kTextureDepths, kind);
   if (!decoder->run(0) || !coder.rc.whole()) return damagedBaseMesh("its code is not one of so many patches");
   return section;
 }
@@ -452,7 +595,9 @@ Result<BaseSection> readBaseSection(const PackageHeader& header, std::span<const
   const uint32_t patches = header.domain.patchCount();
   if (!header.compact) return decodeBaseSection(stored, patches);
   const BaseSectionEnd end = header.texture_depths ? BaseSectionEnd::kTextureDepths : BaseSectionEnd::kShapes;
-  auto section = header.coded_base ? decodeBaseCode(stored, patches, end) : unpackBaseSection(stored, patches, end);
+  const BaseCodeKind kind = header.light_patches ? BaseCodeKind::kBySides : BaseCodeKind::kByCorners;
+  auto section =
+      header.coded_base ? decodeBaseCode(stored, patches, end, kind) : unpackBaseSection(stored, patches, end);
   if (!section) return section.error();
   auto decoded = decodeBaseSection(*section, patches);
   if (decoded) return decoded;

@@ -39,7 +39,8 @@ struct IndexEntry {
 template <class Coder>
 class IndexCode {
  public:
-  IndexCode(Coder& coder, uint64_t pages_offset) : coder_(coder), next_(pages_offset) {}
+  IndexCode(Coder& coder, const IndexCodeOf& of)
+      : coder_(coder), next_(of.pages_offset), empty_pages_(of.empty_pages) {}
 
   HeightLattice lattice(HeightLattice of) {
     of.least = coder_.plain(of.least, 16);
@@ -58,7 +59,8 @@ class IndexCode {
     }
     const uint64_t size = number(k.size, e.size);
     e.size = static_cast<uint32_t>(size);
-    e.hash = coder_.plain(e.hash >> 16, 16) << 16 | coder_.plain(e.hash & 0xFFFF, 16);
+    if (size > 0 || !empty_pages_) e.hash = coder_.plain(e.hash >> 16, 16) << 16 | coder_.plain(e.hash & 0xFFFF, 16);
+    else e.hash = static_cast<uint32_t>(XXH3_64bits("", 0));
     next_ = e.offset + e.size;
     return size <= ~uint32_t{0};
   }
@@ -97,6 +99,7 @@ class IndexCode {
   };
   Coder& coder_;
   uint64_t next_;  // where the page before ends
+  const bool empty_pages_;
   std::array<Kind, kPlanesApart> kinds_;
   IndexNumber least_, range_, error_;
 };
@@ -150,7 +153,7 @@ std::optional<std::vector<uint8_t>> encodeIndexBlocks(const IndexCodeOf& of, boo
   }
   std::vector<uint8_t> out;
   EncodingCoder coder{RangeEncoder(out)};
-  IndexCode<EncodingCoder> code(coder, of.pages_offset);
+  IndexCode<EncodingCoder> code(coder, of);
   if (relief) code.lattice(lattice);
   const bool sound = overEntries(of, relief, blocks, bytes, [&](const uint8_t* p, int kind) {
     IndexEntry e = entryFrom(p, relief);
@@ -166,7 +169,7 @@ bool decodeIndexBlocks(std::span<const uint8_t> code_bytes, const IndexCodeOf& o
   if (bytes.size() != bytesOf(blocks)) return false;
   std::fill(bytes.begin(), bytes.end(), uint8_t{0});
   DecodingCoder coder{RangeDecoder(code_bytes)};
-  IndexCode<DecodingCoder> code(coder, of.pages_offset);
+  IndexCode<DecodingCoder> code(coder, of);
   HeightLattice lattice;
   if (relief) lattice = code.lattice(lattice);
   const bool sound = lattice.step > 0 && overEntries(of, relief, blocks, bytes, [&](uint8_t* p, int kind) {

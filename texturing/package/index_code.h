@@ -28,6 +28,7 @@ struct IndexChunk {
 struct IndexCodeOf {
   int planes = 1;             // of the texture
   uint64_t pages_offset = 0;  // entries are told from there
+  bool empty_pages = false;   // version 10: pages may have no bytes; then no hash is coded
 };
 
 // The entries of blocks of one tree as IndexLayout has them, with or without their checksums, into a code; relief: of

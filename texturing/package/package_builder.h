@@ -31,7 +31,7 @@ struct BuildOptions {
   bool stretch_relief = false;  // a height map of other proportions than the texture is stretched over it, not refused
   int workers = 0;              // 0: one per core
   int zstd_level = 1;
-  // Over a base mesh: a package of version 9, which takes far fewer bytes for the relief; else of version 2 or 3, for
+  // Over a base mesh: a package of version 10, which takes far fewer bytes for the relief; else of version 2 or 3, for
   // older readers.
   bool compact = true;
   // Of compact packages: tails are coded (texturing/codec/tail_code.h), and with a texture_tolerance lossless pages may
@@ -46,6 +46,8 @@ struct BuildOptions {
   // Of packages with coded texels, and at most kMostCodedPages pages: the index is coded, too (index_code.h), and
   // relief pages of level 0 are stored over their tails; else the package is one of version 8.
   bool coded_index = true;
+  // Patches in few bytes, version 10; needs coded_index.
+  bool light_patches = true;
   // Of packages with coded tails and a texture_tolerance: texels of tails are rounded within it to what takes fewer
   // bytes.
   bool rounded_tails = true;

@@ -84,12 +84,13 @@ constexpr int kOldPlanes = 8;
 constexpr size_t kOldCoefficients = 6, kOldScales = 144, kOldBiases = 192, kOldCodecs = 240, kOldParameters = 248;
 constexpr uint32_t kDescribedBasis = 0xFFFFFFFFu;  // instead of its number
 // From version 4 on: how relief pages, the base mesh and the tree of errors by block are stored, 1 each; from version 7
-// on the base mesh 2.
+// on the base mesh 2, from version 10 on 3.
 constexpr std::array<size_t, 3> kCompactFields{2048, 2052, 2056};
 constexpr size_t kBaseField = 2052;
+uint32_t baseKind(const PackageHeader& h) { return h.light_patches ? 3 : h.coded_base ? 2 : 1; }
 // Version 5: how texture levels that patches do not have are left out, 1. Version 4: 0; from version 6 on: either.
 constexpr size_t kTextureDepthsField = 2060;
-// From version 6 on: how tails are stored, 1. Before: 0.
+// From version 6 on: how tails are stored, 1, from version 10 on 2. Before: 0.
 constexpr size_t kTailsField = 2064;
 // From version 8 on: how texture pages may be stored beside what encodings say, 1. Before: 0.
 constexpr size_t kTexelsField = 2068;
@@ -358,11 +359,11 @@ void encodeHeader(const PackageHeader& h, std::span<uint8_t> out) {
   if (h.texture.basis > Basis::kAlbedoNormal) putBasis(f, h);
   else putOldBasis(f, h);
   if (h.compact)
-    for (size_t field : kCompactFields) f.put(field, field == kBaseField && h.coded_base ? 2u : 1u);
+    for (size_t field : kCompactFields) f.put(field, field == kBaseField ? baseKind(h) : 1u);
   if (h.compact && h.texture_depths) f.put(kTextureDepthsField, 1u);
-  if (h.compact && h.coded_tails) f.put(kTailsField, 1u);
+  if (h.compact && h.coded_tails) f.put(kTailsField, h.light_patches ? 2u : 1u);
   if (h.compact && h.coded_texels) f.put(kTexelsField, 1u);
-  if (h.compact && h.coded_index) f.put(kIndexField, 1u);
+  if (h.compact && h.coded_index) f.put(kIndexField, h.light_patches ? 2u : 1u);
   f.put(256, h.relief_detail ? static_cast<uint32_t>(kErrorBlocks) : 0u);
   f.put(260, h.relief_shapes ? 1u : 0u);
   f.put(264, h.base_offset);
@@ -420,8 +421,9 @@ class HeaderDecoder {
                    "make one with `relievo build`", 0};
     }
     version_ = at<uint32_t>(8);
-    if (version_ < 1 || version_ > 9) {
-      return Error{ErrorKind::kUnsupported, path_, "expected package version 1 to 9, found " + std::to_string(version_),
+    if (version_ < 1 || version_ > 10) {
+      return Error{ErrorKind::kUnsupported, path_,
+                   "expected package version 1 to 10, found " + std::to_string(version_),
                    "use a newer relievo, or rebuild the package", 8};
     }
     if (at<uint64_t>(kHeaderBytes - 8) != XXH3_64bits(p_, kHeaderBytes - 8))
@@ -473,25 +475,28 @@ class HeaderDecoder {
     h_.coded_base = version_ >= 7;
     h_.coded_texels = version_ >= 8;
     h_.coded_index = version_ >= 9;
+    h_.light_patches = version_ >= 10;
     h_.texture_depths = version_ == 5 || (version_ >= 6 && at<uint32_t>(kTextureDepthsField) != 0);
     if (!h_.compact) return {};
     for (size_t field : kCompactFields)
-      if (const uint32_t kind = at<uint32_t>(field), expected = field == kBaseField && h_.coded_base ? 2 : 1;
+      if (const uint32_t kind = at<uint32_t>(field), expected = field == kBaseField ? baseKind(h_) : 1;
           kind != expected)
         return unsupported(field, "expected storage of kind " + std::to_string(expected) + " in version " +
                                       std::to_string(version_) + ", found " + std::to_string(kind));
     if (const auto kind = at<uint32_t>(kTextureDepthsField); h_.texture_depths && kind != 1)
       return unsupported(kTextureDepthsField, "expected patches' texture levels of kind 1 in version " +
                                                   std::to_string(version_) + ", found " + std::to_string(kind));
-    if (const auto kind = at<uint32_t>(kTailsField); h_.coded_tails && kind != 1)
-      return unsupported(kTailsField, "expected tails of kind 1 in version " + std::to_string(version_) + ", found " +
-                                          std::to_string(kind));
+    if (const uint32_t kind = at<uint32_t>(kTailsField), expected = h_.light_patches ? 2 : 1;
+        h_.coded_tails && kind != expected)
+      return unsupported(kTailsField, "expected tails of kind " + std::to_string(expected) + " in version " +
+                                          std::to_string(version_) + ", found " + std::to_string(kind));
     if (const auto kind = at<uint32_t>(kTexelsField); h_.coded_texels && kind != 1)
       return unsupported(kTexelsField, "expected texture pages of kind 1 in version " + std::to_string(version_) +
                                            ", found " + std::to_string(kind));
-    if (const auto kind = at<uint32_t>(kIndexField); h_.coded_index && kind != 1)
-      return unsupported(kIndexField, "expected an index of kind 1 in version " + std::to_string(version_) +
-                                          ", found " + std::to_string(kind));
+    if (const uint32_t kind = at<uint32_t>(kIndexField), expected = h_.light_patches ? 2 : 1;
+        h_.coded_index && kind != expected)
+      return unsupported(kIndexField, "expected an index of kind " + std::to_string(expected) + " in version " +
+                                          std::to_string(version_) + ", found " + std::to_string(kind));
     if (at<uint64_t>(272) == 0)
       return invalid(272, "expected a base mesh in version " + std::to_string(version_) + ", found none");
     return {};
@@ -557,7 +562,9 @@ class HeaderDecoder {
   Result<void> checkIndex() const {
     // As a double first: the sizes below are exact unless they overflow, and then this is far beyond any file.
     const double coded = h_.coded_index ? double{kLeastCodedEntryBytes} / kReliefEntryBytes : 1;
-    if (const double least = coded * leastIndexBytes(h_.domain, h_.detailBytes(), !h_.compact, !h_.texture_depths);
+    const double empty = h_.light_patches ? double{kLeastCodedEntryBytes} * h_.domain.patchCount() : 0;
+    if (const double least =
+            coded * leastIndexBytes(h_.domain, h_.detailBytes(), !h_.compact, !h_.texture_depths) - empty;
         least > static_cast<double>(h_.file_bytes)) {
       char text[40];
       std::snprintf(text, sizeof text, "%.3g", least);
@@ -580,12 +587,14 @@ class HeaderDecoder {
       return invalid(80, "expected " + between(layout.page_count - fewer_pages, layout.page_count) + " pages, found " +
                              std::to_string(h_.page_count));
     }
-    if (const uint64_t least = kIndexHeadBytes + kLeastCodedEntryBytes * h_.page_count + layout.relief_detail.bytes();
+    // Root pages of relief may be empty.
+    const uint64_t with_bytes = h_.page_count - (h_.light_patches ? h_.domain.patchCount() : 0);
+    if (const uint64_t least = kIndexHeadBytes + kLeastCodedEntryBytes * with_bytes + layout.relief_detail.bytes();
         h_.coded_index && h_.index_bytes < least)
       return invalid(56, "expected an index of at least " + std::to_string(least) + " bytes, found " +
                              std::to_string(h_.index_bytes));
-    if (h_.pages_bytes < h_.page_count) {
-      return invalid(72, "expected at least a byte for each of " + std::to_string(h_.page_count) + " pages, found " +
+    if (h_.pages_bytes < with_bytes) {
+      return invalid(72, "expected at least a byte for each of " + std::to_string(with_bytes) + " pages, found " +
                              std::to_string(h_.pages_bytes) + " bytes of pages");
     }
     return {};

@@ -60,6 +60,9 @@ struct PackageHeader {
   // their tails (ReliefEncoding::kOverTail). index_bytes are then those that it takes in the file; IndexLayout tells
   // places in what it stands for.
   bool coded_index = false;
+  // Version 10, one of version 9 whose patches take few bytes: tails are coded by grids (texturing/codec/tail_grid.h),
+  // the base mesh by sides (BaseCodeKind::kBySides), and relief pages that their tails show have none.
+  bool light_patches = false;
   uint32_t detailBytes() const {
     return relief_detail ? kReliefDetailBytes + (relief_shapes ? kReliefShapesBytes : 0) : 0;
   }
@@ -68,11 +71,17 @@ struct PackageHeader {
   // The directory of the patches' tails (0 bytes: there are none): package_tails.h.
   uint64_t tails_offset = 0, tails_bytes = 0, tails_hash = 0;
 };
-// 9 to 4 where it is compact; else 3 where the header describes the basis; else 1, or 2 with a base mesh: packages
+// 10 to 4 where it is compact; else 3 where the header describes the basis; else 1, or 2 with a base mesh: packages
 // of those bases stay what they were.
 inline uint32_t packageVersion(const PackageHeader& h) {
   if (h.compact)
-    return h.coded_index ? 9 : h.coded_texels ? 8 : h.coded_base ? 7 : h.coded_tails ? 6 : h.texture_depths ? 5 : 4;
+    return h.light_patches    ? 10
+           : h.coded_index    ? 9
+           : h.coded_texels   ? 8
+           : h.coded_base     ? 7
+           : h.coded_tails    ? 6
+           : h.texture_depths ? 5
+                              : 4;
   return h.texture.basis > Basis::kAlbedoNormal ? 3 : h.base_bytes == 0 ? 1 : 2;
 }
 void encodeHeader(const PackageHeader& header, std::span<uint8_t> out /* kHeaderBytes */);

@@ -135,9 +135,11 @@ struct Package::Impl {
       return true;
     });
     std::vector<uint8_t> out;
-    // Before the allocation: so many entries take no fewer bytes.
-    if (bytes / kReliefEntryBytes <= code.size()) out.resize(bytes);
-    if (out.empty() || !decodeIndexBlocks(code, {header.texture.planes(), header.pages_offset}, relief, blocks, out))
+    // Before the allocation: so many entries take no fewer bytes, but for a chunk's of empty pages.
+    const uint64_t of_empty = header.light_patches ? 2 * kIndexChunkEntries : 0;
+    if (bytes / kReliefEntryBytes <= std::max<uint64_t>(code.size(), of_empty)) out.resize(bytes);
+    if (out.empty() || !decodeIndexBlocks(code, {header.texture.planes(), header.pages_offset, header.light_patches},
+                                          relief, blocks, out))
       return damagedIndex("a part of the index is damaged: it is no code of its entries", offset);
     return out;
   }
@@ -228,6 +230,9 @@ struct Package::Impl {
     if (!chunks) return at(chunks.error());
     return chunks;
   }
+  PatchCorners tailsCorners(uint32_t first, uint32_t count) const {
+    return header.light_patches ? PatchCorners(manifest.base->patches).subspan(first, count) : PatchCorners{};
+  }
   // The heights of a patch's tail.
   Result<void> tailHeights(uint32_t patch, std::span<uint16_t> out) const {
     auto directory = part(header.tails_offset, [&]() -> Result<std::vector<uint8_t>> {
@@ -243,7 +248,7 @@ struct Package::Impl {
       auto bytes = readTailsChunk(chunk, first, count);
       if (!bytes) return bytes.error();
       std::vector<uint16_t> decoded(count * kTailHeights);
-      if (!decodeTailHeights(*bytes, decoded))
+      if (!decodeTailHeights(*bytes, tailsCorners(first, count), decoded))
         return damagedTails(chunk, first, count, " are damaged: expected the codes of so many patches");
       std::vector<uint8_t> kept(2 * decoded.size());
       std::memcpy(kept.data(), decoded.data(), kept.size());
@@ -273,8 +278,7 @@ struct Package::Impl {
                          uint32_t into) const {
     auto bytes = readTailsChunk(chunk, first, count);
     if (!bytes) return bytes.error();
-    auto decoded =
-        decodeTailsChunk(*bytes, into, count, header.coded_tails ? TailsStorage::kCoded : TailsStorage::kZstd, tails);
+    auto decoded = decodeTailsChunk(*bytes, into, count, tailsStorage(header), tailsCorners(first, count), tails);
     return decoded ? decoded : damagedTails(chunk, first, count, " are damaged: " + decoded.error().message);
   }
 
@@ -539,7 +543,8 @@ Result<PageRecord> Package::record(PageId id) const {
   record.size = loadLittle<uint32_t>(entry + 8);
   record.checksum = {loadLittle<uint64_t>(entry + 12), impl_->header.coded_index ? 0xFFFFFFFF : ~uint64_t{0}};
   const PackageHeader& h = impl_->header;
-  if (record.size == 0 || record.size > kMaxEncodedPageBytes || record.offset < h.pages_offset ||
+  const bool may_be_empty = relief && node.level == 0 && h.light_patches;
+  if ((record.size == 0 && !may_be_empty) || record.size > kMaxEncodedPageBytes || record.offset < h.pages_offset ||
       record.offset - h.pages_offset > h.pages_bytes ||
       record.size > h.pages_bytes - (record.offset - h.pages_offset)) {
     return Error{ErrorKind::kInvalidData, path(),
@@ -597,6 +602,8 @@ Result<EncodedPage> Package::Impl::readPage(const Package& package, PageId id) c
   if (auto read = file.read(found->offset, page.bytes); !read) return failed(read.error().message, read.error().kind);
   if (!found->checksum.matches(XXH3_64bits(page.bytes.data(), page.bytes.size())))
     return failed("its checksum does not match", ErrorKind::kInvalidData);
+  const bool empty = page.bytes.empty();
+  if (empty) page.bytes = emptyReliefPage();
   if (id.plane() == Plane::kRelief && needsTailHeights(page.bytes)) {
     std::array<uint16_t, kTailHeights> heights;
     if (id.node().level > 0 || header.tails_bytes == 0 || !header.coded_tails)
@@ -604,7 +611,7 @@ Result<EncodedPage> Package::Impl::readPage(const Package& package, PageId id) c
     if (auto known = tailHeights(id.node().patch, heights); !known)
       return failed(known.error().message, known.error().kind);
     addTailHeights(heights, page.bytes);
-    page.from_tail = kTailHeightsBytes;
+    page.from_tail = kTailHeightsBytes + (empty ? emptyReliefPage().size() : 0);
   }
   return page;
 }

@@ -2,9 +2,6 @@
 
 #include <zstd.h>
 
-#include "texturing/codec/tail_code.h"
-#include "texturing/package/package_layout.h"
-
 namespace relievo {
 namespace {
 
@@ -34,6 +31,10 @@ void overTails(PatchTails& tails, uint32_t first, uint32_t count, Heights&& heig
 }
 
 }  // namespace
+
+TailsStorage tailsStorage(const PackageHeader& header) {
+  return header.light_patches ? TailsStorage::kGrids : header.coded_tails ? TailsStorage::kCoded : TailsStorage::kZstd;
+}
 
 std::vector<uint8_t> encodeTailsDirectory(uint32_t patches, int channels, std::span<const TailsChunk> chunks) {
   std::vector<uint8_t> out(tailsDirectoryBytes(patches));
@@ -90,12 +91,12 @@ TailsChunk tailsChunkAt(std::span<const uint8_t> directory, uint32_t number) {
 }
 
 std::vector<uint8_t> encodeTailsChunk(const PatchTails& tails, uint32_t first, uint32_t count, TailsStorage storage,
-                                      int zstd_level) {
-  if (storage == TailsStorage::kCoded) {
+                                      PatchCorners corners, int zstd_level) {
+  if (storage != TailsStorage::kZstd) {
     std::vector<uint8_t> out;
     encodeTailCode(std::span(tails.heights).subspan(first * kTailHeights, count * kTailHeights),
                    std::span(tails.texels).subspan(first * tails.patchTexels(), count * tails.patchTexels()),
-                   tails.channels, out);
+                   tails.channels, storage == TailsStorage::kGrids ? corners : PatchCorners{}, out);
     return out;
   }
   std::vector<uint8_t> raw(count * (2 * kTailHeights + tails.patchTexels()));
@@ -117,9 +118,9 @@ std::vector<uint8_t> encodeTailsChunk(const PatchTails& tails, uint32_t first, u
 }
 
 Result<void> decodeTailsChunk(std::span<const uint8_t> bytes, uint32_t first, uint32_t count, TailsStorage storage,
-                              PatchTails& tails) {
-  if (storage == TailsStorage::kCoded) {
-    if (decodeTailCode(bytes, tails.channels,
+                              PatchCorners corners, PatchTails& tails) {
+  if (storage != TailsStorage::kZstd) {
+    if (decodeTailCode(bytes, tails.channels, storage == TailsStorage::kGrids ? corners : PatchCorners{},
                        std::span(tails.heights).subspan(first * kTailHeights, count * kTailHeights),
                        std::span(tails.texels).subspan(first * tails.patchTexels(), count * tails.patchTexels())))
       return {};

@@ -7,6 +7,8 @@
 #include <vector>
 
 #include "src/base/result.h"
+#include "texturing/codec/tail_code.h"
+#include "texturing/package/package_layout.h"
 #include "texturing/package/patch_tails.h"
 
 namespace relievo {
@@ -31,14 +33,17 @@ Result<std::vector<TailsChunk>> decodeTailsDirectory(std::span<const uint8_t> by
 // One of a sound directory's chunks.
 TailsChunk tailsChunkAt(std::span<const uint8_t> directory, uint32_t number);
 
-// How chunks are stored: differences in a zstd frame up to version 5, texturing/codec/tail_code.h from version 6 on.
-enum class TailsStorage : uint8_t { kZstd, kCoded };
+// How chunks are stored: differences in a zstd frame up to version 5; texturing/codec/tail_code.h from version 6 on, by
+// grids from version 10 on.
+enum class TailsStorage : uint8_t { kZstd, kCoded, kGrids };
+TailsStorage tailsStorage(const PackageHeader& header);
 
-// Of patches first .. first + count of `tails`. zstd_level: of kZstd alone.
+// Of patches first .. first + count of `tails`. corners: theirs in the base mesh, of kGrids alone. zstd_level: of kZstd
+// alone.
 std::vector<uint8_t> encodeTailsChunk(const PatchTails& tails, uint32_t first, uint32_t count, TailsStorage storage,
-                                      int zstd_level);
+                                      PatchCorners corners, int zstd_level);
 // Safe for untrusted bytes: they decode to what that many patches take, or not at all.
 Result<void> decodeTailsChunk(std::span<const uint8_t> bytes, uint32_t first, uint32_t count, TailsStorage storage,
-                              PatchTails& tails);
+                              PatchCorners corners, PatchTails& tails);
 
 }  // namespace relievo

@@ -243,7 +243,7 @@ Result<void> PackageWriter::appendTails(std::span<const uint8_t> chunk) {
 Result<void> PackageWriter::codeIndex(const std::atomic<bool>* interrupted) {
   PackageHeader& h = header_;
   const PackageLayout layout = packageLayout(h);
-  const IndexCodeOf of{h.texture.planes(), h.pages_offset};
+  const IndexCodeOf of{h.texture.planes(), h.pages_offset, h.light_patches};
   std::vector<IndexChunk> chunks;
   std::vector<uint8_t> codes, entries;
   std::vector<IndexLayout::Block> blocks;

@@ -98,9 +98,9 @@ Result<void> writeTails(const Context& c, const BuildOptions& options, PackageWr
       std::memcpy(tails.heightsOf(i).data(), bytes.data(), 2 * kTailHeights);
       std::copy(bytes.begin() + 2 * kTailHeights, bytes.end(), tails.texelsOf(i).begin());
     }
-    const auto storage = c.header.coded_tails ? TailsStorage::kCoded : TailsStorage::kZstd;
-    if (auto written = writer.appendTails(encodeTailsChunk(tails, 0, count, storage, options.zstd_level)); !written)
-      return written;
+    const auto corners = std::span(c.source.base().patches).subspan(first, count);
+    auto chunk = encodeTailsChunk(tails, 0, count, tailsStorage(c.header), corners, options.zstd_level);
+    if (auto written = writer.appendTails(chunk); !written) return written;
   }
   return {};
 }
@@ -172,6 +172,7 @@ Result<PackageHeader> planHeader(const PatchSource& source, const BuildOptions& 
   header.coded_tails = options.compact && options.coded_tails;
   header.coded_base = header.coded_tails && options.coded_base;
   header.coded_texels = header.coded_base && options.coded_texels;
+  header.light_patches = header.coded_texels && options.coded_index && options.light_patches;
   header.page_count = packageLayout(header.domain, header.texture, 0, 0).page_count;
   header.base_bytes = baseSectionBytes(source.base().corners.size(), header.domain.patchCount());
   return header;
@@ -255,12 +256,15 @@ Result<BuildReport> buildPatchPackage(const PatchSource& source, const BuildOpti
   if (!kept) return kept.error();
   if (auto found = findTextureDepths(context, header, options, force.workers); !found) return found.error();
   header.coded_index = header.coded_texels && options.coded_index && header.page_count <= kMostCodedPages;
+  header.light_patches = header.light_patches && header.coded_index;
   reporter.expect(header.page_count, patches * patch_texels);
 
   std::vector<uint8_t> base = encodeBaseSection(
       {source.base(), std::move(context.coarse_errors), std::move(context.coarse_blocks), std::move(context.slopes),
        std::move(context.coarse_shapes), source.errorUnitMm(), std::move(context.texture_depths)});
-  if (header.coded_base) base = encodeBaseCode(base, source.baseStepMm());
+  if (header.coded_base)
+    base = encodeBaseCode(base, source.baseStepMm(),
+                          header.light_patches ? BaseCodeKind::kBySides : BaseCodeKind::kByCorners);
   else if (header.compact) base = packBaseSection(base, kBaseZstdLevel);
   const auto manifest = manifestOf(header, source, options);
   if (!manifest) return manifest.error();

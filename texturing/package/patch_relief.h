@@ -287,6 +287,9 @@ class ReliefWriter {
     const int depth = c_.header.domain.relief_depth;
     const size_t side = relief_.sideSamples();
     const auto encoding = c_.header.compact ? ReliefEncoding::kHierarchical : ReliefEncoding::kRows;
+    const auto of_root = c_.header.light_patches ? ReliefEncoding::kBeyondTail
+                         : c_.header.coded_index ? ReliefEncoding::kOverTail
+                                                 : encoding;
     for (int level = 0; level <= depth; ++level) {
       const uint32_t nodes = 1u << level;
       const size_t step = size_t{1} << (depth - level);
@@ -312,8 +315,7 @@ class ReliefWriter {
                      .relief = true,
                      .detail_offset = detail_offset,
                      .range = relief_.range(level, x, y)},
-                    encoder_.encodeRelief(samples_,
-                                          level == 0 && c_.header.coded_index ? ReliefEncoding::kOverTail : encoding));
+                    encoder_.encodeRelief(samples_, level == 0 ? of_root : encoding));
         }
       }
     }

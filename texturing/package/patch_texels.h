@@ -389,27 +389,28 @@ class TextureWriter {
 };
 
 // Texels of tails that take fewer bytes, within the tolerance. Where a tail stands for all levels, these are within the
-// tolerance of it, as before: what leads beyond is taken back, around the patch as well, as its border shows those
-// texels.
+// tolerance of it, as before: where rounding leads beyond, the patch is rounded less, then those around it, as its
+// border shows their texels, in the end not at all.
 class TailRounding {
  public:
   TailRounding(Context& context, const BuildOptions& options, int workers)
       : c_(context),
         options_(options),
         workers_(workers),
-        rounded_(context.header.domain.patchCount(), 1),
-        tolerances_(channelTolerances(context.header.texture, options.texture_tolerance)) {}
+        tolerances_(channelTolerances(context.header.texture, options.texture_tolerance)),
+        grades_(context.header.light_patches ? std::vector<double>{0, 1.0 / 3, 2.0 / 3, 1} : std::vector<double>{0, 1}),
+        grade_(context.header.domain.patchCount(), static_cast<uint8_t>(grades_.size() - 1)) {}
 
   Result<void> run() {
     if (auto done = roundAll(); !done) return done;
-    std::vector<uint8_t> changed(rounded_.size(), 1);
-    // What is taken back stays so: this ends.
+    std::vector<uint8_t> changed(grade_.size(), 1);
+    // Grades only sink: this ends.
     for (;;) {
-      std::vector<uint8_t> beyond(rounded_.size(), 0);
+      std::vector<uint8_t> beyond(grade_.size(), 0);
       auto found = forEachPatch(
           c_, options_, workers_, [&] { return DepthFinder(c_, options_.texture_tolerance); },
           [&](DepthFinder& finder, uint32_t patch) -> Result<void> {
-            if (!standsForAll(patch) || !anyAround(patch, changed) || !anyAround(patch, rounded_)) return {};
+            if (!standsForAll(patch) || !anyAround(patch, changed) || !anyAround(patch, grade_)) return {};
             auto shows = finder.showsAllFiner(patch, kTail);
             if (!shows) return shows.error();
             beyond[patch] = !*shows;
@@ -417,7 +418,14 @@ class TailRounding {
           },
           [](size_t) {});
       if (!found || std::find(beyond.begin(), beyond.end(), 1) == beyond.end()) return found;
-      if (auto done = takeBack(beyond, changed); !done) return done;
+      changed = roundedLess(beyond);
+      auto rounded = forEachPatch(
+          c_, options_, workers_, [&] { return TexelKeeper(c_); },
+          [&](TexelKeeper& keeper, uint32_t patch) {
+            return changed[patch] ? roundAnew(keeper, patch) : Result<void>{};
+          },
+          [](size_t) {});
+      if (!rounded) return rounded;
     }
   }
 
@@ -436,7 +444,7 @@ class TailRounding {
   }
 
   Result<void> roundAll() {
-    const size_t patches = rounded_.size(), chunks = tailsChunks(static_cast<uint32_t>(patches));
+    const size_t patches = grade_.size(), chunks = tailsChunks(static_cast<uint32_t>(patches));
     std::vector<Result<void>> done(chunks);
     const bool whole = parallelFor(chunks, workers_, options_.interrupted, [&](size_t chunk) {
       const size_t first = chunk * kTailsChunkPatches, count = std::min<size_t>(kTailsChunkPatches, patches - first);
@@ -449,45 +457,54 @@ class TailRounding {
   }
   Result<void> roundChunk(uint32_t first, uint32_t count) {
     PatchTails tails(count, c_.store.channels);
-    for (uint32_t i = 0; i < count; ++i) {
-      const auto texels = tails.texelsOf(i);
-      const uint64_t place = (first + i) * c_.tailBytes() + 2 * kTailHeights;
-      if (auto read = c_.tails->read(place, texels.data(), texels.size()); !read) return read;
-    }
-    for (int plane = 0; plane < c_.store.channels / 3; ++plane) {
-      const ChannelTolerance& tolerance = tolerances_[static_cast<size_t>(3 * plane)];
-      // Errors that are spread evenly up to this have that root mean square.
-      const double most = std::min(std::floor(std::sqrt(3.0) * tolerance.rms), tolerance.most);
-      roundTailTexels(tails.texels, c_.store.channels, plane, static_cast<int>(std::min(most, 127.0)), tolerance.rms);
-    }
+    for (uint32_t i = 0; i < count; ++i)
+      if (auto read = readTail(first + i, tails.texelsOf(i)); !read) return read;
+    round(tails.texels, grades_.back());
     TexelKeeper keeper(c_);
     for (uint32_t i = 0; i < count; ++i)
       if (auto kept = keeper.keepRoundedTail(first + i, tails.texelsOf(i)); !kept) return kept;
     return {};
   }
-
-  // changed: the patches whose tails are no longer rounded.
-  Result<void> takeBack(const std::vector<uint8_t>& beyond, std::vector<uint8_t>& changed) {
-    TexelKeeper keeper(c_);
-    changed.assign(beyond.size(), 0);
-    for (uint32_t patch = 0; patch < beyond.size(); ++patch) {
-      Result<void> done;
-      if (beyond[patch])
-        around(patch, [&](uint32_t p) {
-          if (!done || !std::exchange(rounded_[p], uint8_t{0})) return;
-          changed[p] = 1;
-          done = keeper.keepExactTail(p);
-        });
-      if (!done) return done;
+  Result<void> readTail(uint32_t patch, std::span<uint8_t> texels) const {
+    return c_.tails->read(patch * c_.tailBytes() + 2 * kTailHeights, texels.data(), texels.size());
+  }
+  void round(std::span<uint8_t> texels, double grade) const {
+    const bool grids = c_.header.light_patches;
+    for (int plane = 0; plane < c_.store.channels / 3; ++plane) {
+      const ChannelTolerance& tolerance = tolerances_[static_cast<size_t>(3 * plane)];
+      // Of rows, errors that are spread evenly up to this have that root mean square.
+      const double most = std::min(std::floor((grids ? 3 : std::sqrt(3.0)) * grade * tolerance.rms), tolerance.most);
+      roundTailTexels(texels, c_.store.channels, plane,
+                      {grids, static_cast<int>(std::min(most, 127.0)), grade * tolerance.rms});
     }
-    return {};
+  }
+
+  // Which grades sank.
+  std::vector<uint8_t> roundedLess(const std::vector<uint8_t>& beyond) {
+    std::vector<uint8_t> sinks(beyond.size(), 0);
+    for (uint32_t patch = 0; patch < beyond.size(); ++patch) {
+      if (!beyond[patch]) continue;
+      if (grade_[patch] > 0) sinks[patch] = 1;
+      else around(patch, [&](uint32_t p) { sinks[p] = grade_[p] > 0; });
+    }
+    for (size_t patch = 0; patch < sinks.size(); ++patch)
+      grade_[patch] = static_cast<uint8_t>(grade_[patch] - sinks[patch]);
+    return sinks;
+  }
+  Result<void> roundAnew(TexelKeeper& keeper, uint32_t patch) const {
+    if (auto kept = keeper.keepExactTail(patch); !kept || grade_[patch] == 0) return kept;
+    PatchTails tail(1, c_.store.channels);
+    if (auto read = readTail(patch, tail.texels); !read) return read;
+    round(tail.texels, grades_[grade_[patch]]);
+    return keeper.keepRoundedTail(patch, tail.texels);
   }
 
   Context& c_;
   const BuildOptions& options_;
   const int workers_;
-  std::vector<uint8_t> rounded_;                    // by patch
   const std::vector<ChannelTolerance> tolerances_;  // by channel
+  const std::vector<double> grades_;                // shares of the tolerance
+  std::vector<uint8_t> grade_;                      // by patch, which of these
 };
 
 // Into the header, unless all patches have all levels.

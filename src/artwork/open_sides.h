@@ -1,0 +1,80 @@
+// open_sides.h - the sides of a base mesh's patches, taken one after the other, that no further patch has met yet:
+// along the border of what was taken. Whoever takes next the patch at the newest of them winds around corners, so that
+// it mostly has two corners of that side, one of the next side at its end, and one new one.
+#pragma once
+
+#include <array>
+#include <cstddef>
+#include <cstdint>
+#include <unordered_map>
+#include <vector>
+
+namespace relievo {
+
+class OpenSides {
+ public:
+  static constexpr uint32_t kNone = ~uint32_t{0};
+  // A patch's corners around it; side i lies between those of kLoop[i] and kLoop[i + 1].
+  static constexpr std::array<size_t, 4> kLoop{0, 1, 3, 2};
+  static constexpr size_t corner(size_t i) { return kLoop[i % 4]; }
+  struct Side {
+    uint32_t from = 0, to = 0;  // corners of the base, in the direction in which its patch's loop runs
+    uint32_t older = kNone, newer = kNone;
+    bool open = true;
+  };
+
+  uint32_t newest() const { return newest_; }
+  const Side& operator[](uint32_t side) const { return sides_[side]; }
+  uint32_t between(uint32_t a, uint32_t b) const {
+    const auto found = by_ends_.find(keyOf(a, b));
+    return found == by_ends_.end() ? kNone : found->second;
+  }
+  void close(uint32_t side) {
+    Side& s = sides_[side];
+    if (!s.open) return;
+    s.open = false;
+    (s.newer == kNone ? newest_ : sides_[s.newer].older) = s.older;
+    if (s.older != kNone) sides_[s.older].newer = s.newer;
+    by_ends_.erase(keyOf(s.from, s.to));
+  }
+  // The patch was reached by side i of its loop, which then is the oldest of its sides.
+  void take(const std::array<uint32_t, 4>& patch, size_t i) {
+    for (size_t k = 4; k > 0; --k) {
+      const uint32_t from = patch[corner(i + k)], to = patch[corner(i + k + 1)], met = between(from, to);
+      if (met == kNone) open(from, to);
+      else close(met);
+    }
+  }
+  // The far end of the newest open side at that corner which has none of the others; kNone: there is no such.
+  uint32_t beyond(uint32_t corner, const std::array<uint32_t, 4>& others) {
+    auto& at = at_corner_[corner];
+    for (size_t n = at.size(); n-- > 0;) {
+      const Side& s = sides_[at[n]];
+      if (!s.open) {
+        at.erase(at.begin() + static_cast<std::ptrdiff_t>(n));  // few open ones lie behind it
+        continue;
+      }
+      const uint32_t end = s.from == corner ? s.to : s.from;
+      if (end != others[0] && end != others[1] && end != others[2] && end != others[3]) return end;
+    }
+    return kNone;
+  }
+
+ private:
+  static uint64_t keyOf(uint32_t a, uint32_t b) { return a < b ? uint64_t{a} << 32 | b : uint64_t{b} << 32 | a; }
+  void open(uint32_t from, uint32_t to) {
+    const auto side = static_cast<uint32_t>(sides_.size());
+    sides_.push_back({from, to, newest_, kNone, true});
+    if (newest_ != kNone) sides_[newest_].newer = side;
+    newest_ = side;
+    by_ends_[keyOf(from, to)] = side;
+    for (uint32_t end : {from, to}) at_corner_[end].push_back(side);
+  }
+
+  std::vector<Side> sides_;
+  uint32_t newest_ = kNone;
+  std::unordered_map<uint64_t, uint32_t> by_ends_;
+  std::unordered_map<uint32_t, std::vector<uint32_t>> at_corner_;
+};
+
+}  // namespace relievo
