@@ -5,6 +5,8 @@
 #include <cstring>
 #include <filesystem>
 
+#include "geometry/scan/gltf_compression.h"
+
 namespace relievo::mesh_file {
 namespace {
 
@@ -46,12 +48,6 @@ int hexDigit(char c) {
   if (c >= '0' && c <= '9') return c - '0';
   const char lower = static_cast<char>(c | 0x20);
   return lower >= 'a' && lower <= 'f' ? lower - 'a' + 10 : -1;
-}
-
-size_t bytesOfComponent(GltfComponent c) {
-  return c == GltfComponent::kInt8 || c == GltfComponent::kUint8     ? 1
-         : c == GltfComponent::kInt16 || c == GltfComponent::kUint16 ? 2
-                                                                     : 4;
 }
 
 double decode(const uint8_t* p, GltfComponent c, bool normalized) {
@@ -182,6 +178,8 @@ uint64_t GltfBuffers::bytes() const {
   uint64_t sum = file_.size();
   for (const Source& s : sources_)
     if (s.file != &file_) sum += s.own ? s.bytes : 0;
+  for (const auto* decompressed : {&unpacked_, &decoded_})
+    for (const auto& [index, bytes] : *decompressed) sum += bytes.size();
   return sum;
 }
 
@@ -247,7 +245,64 @@ Result<std::vector<uint8_t>> GltfBuffers::bytesOf(uint32_t view) {
   return out;
 }
 
-Result<void> GltfBuffers::check(uint32_t accessor, const std::string& what, bool draco) {
+Result<void> GltfBuffers::readView(uint32_t view, uint64_t offset, std::span<uint8_t> out) {
+  const auto unpacked = unpacked_.find(view);
+  if (unpacked == unpacked_.end())
+    return read(document_.views[view].buffer, document_.views[view].offset + offset, out);
+  std::memcpy(out.data(), unpacked->second.data() + offset, out.size());
+  return {};
+}
+
+Result<void> GltfBuffers::unpack(uint32_t view, const std::string& what) {
+  const GltfPacking& p = *document_.views[view].packed;
+  if (unpacked_.contains(view)) return {};
+  // Vertices that do not differ take a bit for four bytes; nothing takes less. Checked before the allocation.
+  constexpr uint64_t kMostTimes = 64;
+  if (p.count > kMostTimes * p.bytes / p.stride)
+    return invalid("expected at most " + std::to_string(kMostTimes * p.bytes / p.stride) + " elements of " + what +
+                   " in " + std::to_string(p.bytes) + " compressed bytes, found " + std::to_string(p.count));
+  if (auto opened = open(p.buffer); !opened) return opened;
+  if (const uint64_t all = sources_[p.buffer].bytes; p.offset > all || p.bytes > all - p.offset)
+    return invalid("expected the compressed bytes of " + what + " within their buffer of " + std::to_string(all) +
+                   " bytes");
+  std::vector<uint8_t> code(static_cast<size_t>(p.bytes));
+  if (auto got = read(p.buffer, p.offset, code); !got) return got;
+  std::vector<uint8_t> out(static_cast<size_t>(p.count * p.stride));
+  if (!decompressMeshopt(p, code, out))
+    return invalid("the compressed bytes of " + what + " are no code of " + std::to_string(p.count) + " elements");
+  unpacked_[view] = std::move(out);
+  return {};
+}
+
+Result<void> GltfBuffers::decodeDraco(const GltfPrimitive& p, const std::string& what) {
+  std::vector<DracoPart> parts;
+  std::vector<uint32_t> accessors;
+  const auto add = [&](uint32_t accessor, uint32_t attribute) {
+    if (accessor == kNoIndex || decoded_.contains(accessor)) return;
+    const GltfAccessor& a = document_.accessors[accessor];
+    if (a.view != kNoIndex || a.sparse) return;
+    parts.push_back({attribute, a, {}});
+    accessors.push_back(accessor);
+  };
+  add(p.positions, p.draco->positions), add(p.colours, p.draco->colours), add(p.uv, p.draco->uv);
+  const size_t attributes = parts.size();
+  add(p.indices, kNoIndex);
+  if (parts.empty()) return {};
+  if (p.mode != GltfPrimitive::Mode::kTriangles || p.indices == kNoIndex)
+    return Error{ErrorKind::kUnsupported,
+                 file_.path(),
+                 what + " is stored by KHR_draco_mesh_compression in another way than as triangles with indices",
+                 "write the file without compression",
+                 {}};
+  auto code = bytesOf(p.draco->view);
+  if (!code) return code.error();
+  const std::string problem = decompressDraco(*code, attributes, parts);
+  if (!problem.empty()) return invalid("the compressed mesh of " + what + ": " + problem);
+  for (size_t i = 0; i < parts.size(); ++i) decoded_[accessors[i]] = std::move(parts[i].bytes);
+  return {};
+}
+
+Result<void> GltfBuffers::check(uint32_t accessor, const std::string& what) {
   const GltfAccessor& a = document_.accessors[accessor];
   const auto unsupported = [&](const std::string& by) {
     return Error{ErrorKind::kUnsupported,
@@ -257,14 +312,17 @@ Result<void> GltfBuffers::check(uint32_t accessor, const std::string& what, bool
                  {}};
   };
   if (a.sparse) return unsupported("a sparse accessor");
-  if (a.view == kNoIndex)
-    return draco ? unsupported("KHR_draco_mesh_compression") : invalid("expected the data of " + what + ", found none");
+  if (decoded_.contains(accessor)) return {};
+  if (a.view == kNoIndex) return invalid("expected the data of " + what + ", found none");
   const GltfView& v = document_.views[a.view];
-  if (auto opened = open(v.buffer); !opened)
-    return v.packed ? Result<void>(unsupported("EXT_meshopt_compression")) : opened;
+  if (v.packed) {
+    if (auto done = unpack(a.view, what); !done) return done;
+  } else if (auto opened = open(v.buffer); !opened) {
+    return opened;
+  }
   const uint64_t element = a.components * bytesOfComponent(a.component), stride = v.stride ? v.stride : element,
-                 all = sources_[v.buffer].bytes;
-  const bool view_fits = v.offset <= all && v.bytes <= all - v.offset;
+                 all = v.packed ? unpacked_[a.view].size() : sources_[v.buffer].bytes;
+  const bool view_fits = v.packed ? v.bytes <= all : v.offset <= all && v.bytes <= all - v.offset;
   // count < 2^53 and stride < 2^8: the product stays below 2^61.
   const bool fits = view_fits && stride >= element && a.offset <= v.bytes &&
                     (a.count == 0 || (a.count - 1) * stride + element <= v.bytes - a.offset);
@@ -276,9 +334,10 @@ Result<void> GltfBuffers::check(uint32_t accessor, const std::string& what, bool
 
 Result<void> GltfBuffers::forEach(uint32_t accessor, const One& one) {
   const GltfAccessor& a = document_.accessors[accessor];
-  const GltfView& v = document_.views[a.view];
+  const auto decoded = decoded_.find(accessor);
+  const bool has_view = decoded == decoded_.end();
   const size_t component = bytesOfComponent(a.component), element = a.components * component;
-  const uint64_t stride = v.stride ? v.stride : element;
+  const uint64_t own_stride = has_view ? document_.views[a.view].stride : 0, stride = own_stride ? own_stride : element;
   constexpr uint64_t kPieceBytes = uint64_t{1} << 18;
   const uint64_t piece = std::max<uint64_t>(kPieceBytes / stride, 1);
   std::vector<uint8_t> bytes;
@@ -288,7 +347,11 @@ Result<void> GltfBuffers::forEach(uint32_t accessor, const One& one) {
       return Error{ErrorKind::kInterrupted, file_.path(), "interrupted", "", {}};
     const uint64_t n = std::min(piece, a.count - first);
     bytes.resize(static_cast<size_t>((n - 1) * stride + element));
-    if (auto got = read(v.buffer, v.offset + a.offset + first * stride, bytes); !got) return got;
+    if (has_view) {
+      if (auto got = readView(a.view, a.offset + first * stride, bytes); !got) return got;
+    } else {
+      std::memcpy(bytes.data(), decoded->second.data() + first * stride, bytes.size());
+    }
     for (uint64_t i = 0; i < n; ++i) {
       const uint8_t* p = bytes.data() + i * stride;
       for (size_t c = 0; c < std::min<size_t>(a.components, 4); ++c)

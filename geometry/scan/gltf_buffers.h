@@ -3,6 +3,7 @@
 #pragma once
 
 #include <functional>
+#include <map>
 #include <optional>
 #include <span>
 #include <string>
@@ -39,8 +40,11 @@ class GltfBuffers {
   std::vector<std::string> namedFiles() const;
   // All of a view.
   Result<std::vector<uint8_t>> bytesOf(uint32_t view);
-  // Whether an accessor's elements lie in its buffer; what: for errors ("POSITION of mesh 2"). It opens the buffer.
-  Result<void> check(uint32_t accessor, const std::string& what, bool draco);
+  // Whether an accessor's elements lie in its buffer; what: for errors ("POSITION of mesh 2"). It opens the buffer, and
+  // decompresses the view.
+  Result<void> check(uint32_t accessor, const std::string& what);
+  // Decodes what accessors without a view stand for, for check() and forEach().
+  Result<void> decodeDraco(const GltfPrimitive& primitive, const std::string& what);
   // Calls one(index, components) for each element of a checked accessor, in order. Of a normalized one they are 0..1
   // or -1..1.
   using One = std::function<Result<void>(uint64_t, const std::array<double, 4>&)>;
@@ -55,6 +59,9 @@ class GltfBuffers {
     bool open = false;
   };
   Result<void> open(uint32_t buffer);
+  Result<void> unpack(uint32_t view, const std::string& what);
+  // Of a view that was checked.
+  Result<void> readView(uint32_t view, uint64_t offset, std::span<uint8_t> out);
   Result<void> read(uint32_t buffer, uint64_t offset, std::span<uint8_t> out);
   Error invalid(std::string message) const;
 
@@ -63,6 +70,7 @@ class GltfBuffers {
   const GltfParts& parts_;
   const MeshReadOptions& options_;
   std::vector<Source> sources_;
+  std::map<uint32_t, std::vector<uint8_t>> unpacked_, decoded_;  // by view; by accessor, without gaps
 };
 
 }  // namespace relievo::mesh_file

@@ -107,8 +107,9 @@ class Parser {
 // What is known: appearance alone, or read here. Extensions named KHR_materials_ are appearance, but for one that takes
 // the base colour's place.
 bool knownExtension(const std::string& name) {
-  for (const char* known : {"KHR_mesh_quantization", "KHR_texture_transform", "KHR_lights_punctual", "KHR_xmp_json_ld",
-                            "KHR_xmp", "KHR_animation_pointer"})
+  for (const char* known :
+       {"KHR_mesh_quantization", "KHR_draco_mesh_compression", "EXT_meshopt_compression", "KHR_texture_transform",
+        "KHR_lights_punctual", "KHR_xmp_json_ld", "KHR_xmp", "KHR_animation_pointer"})
     if (name == known) return true;
   return name.starts_with("KHR_materials_") && name != "KHR_materials_pbrSpecularGlossiness";
 }
@@ -153,8 +154,7 @@ class DocumentParser {
     });
     if (!unknown.empty())
       p_.note("it requires " + unknown + ", which this program does not read",
-              "write it without: no compression of meshes (Draco, meshopt) or textures (Basis, WebP)",
-              ErrorKind::kUnsupported);
+              "write it without: no compression of textures (Basis, WebP)", ErrorKind::kUnsupported);
   }
 
   void buffers() {
@@ -171,9 +171,37 @@ class DocumentParser {
       view.bytes = p_.integer(v, where, "byteLength", uint64_t{1} << 52);
       view.stride = static_cast<uint32_t>(p_.integer(v, where, "byteStride", 252, 0));
       if (const Json* extensions = p_.find(v, "extensions"))
-        view.packed = p_.find(*extensions, "EXT_meshopt_compression") != nullptr;
+        if (const Json* packed = p_.find(*extensions, "EXT_meshopt_compression"))
+          view.packed = packing(*packed, where + ".extensions.EXT_meshopt_compression");
       out_.views.push_back(view);
     });
+  }
+  GltfPacking packing(const Json& json, const std::string& where) {
+    GltfPacking out;
+    out.buffer = p_.index(json, where, "buffer", out_.buffers.size());
+    if (out.buffer == kNoIndex) p_.note("expected " + where + ".buffer, found none");
+    out.offset = p_.integer(json, where, "byteOffset", uint64_t{1} << 52, 0);
+    out.bytes = p_.integer(json, where, "byteLength", uint64_t{1} << 52);
+    out.stride = static_cast<uint32_t>(p_.integer(json, where, "byteStride", 256));
+    out.count = p_.integer(json, where, "count", uint64_t{1} << 52);
+    constexpr std::array<const char*, 3> kModes{"ATTRIBUTES", "TRIANGLES", "INDICES"};
+    constexpr std::array<const char*, 4> kFilters{"NONE", "OCTAHEDRAL", "QUATERNION", "EXPONENTIAL"};
+    const auto oneOf = [&](const char* key, std::span<const char* const> known, const std::string& text) -> size_t {
+      for (size_t i = 0; i < known.size(); ++i)
+        if (text == known[i]) return i;
+      p_.note("expected " + where + "." + key + " to be " + known.front() + " to " + known.back() + ", found " +
+                  inQuotes(text),
+              "write the file without compression", ErrorKind::kUnsupported);
+      return 0;
+    };
+    out.mode = static_cast<GltfPacking::Mode>(oneOf("mode", kModes, p_.text(json, where, "mode")));
+    if (p_.find(json, "filter"))
+      out.filter = static_cast<GltfPacking::Filter>(oneOf("filter", kFilters, p_.text(json, where, "filter")));
+    const bool attributes = out.mode == GltfPacking::Mode::kAttributes;
+    if (attributes ? out.stride == 0 || out.stride % 4 != 0 : out.stride != 2 && out.stride != 4)
+      p_.note("expected " + where + ".byteStride to be " + (attributes ? "a multiple of 4" : "2 or 4") + ", found " +
+              std::to_string(out.stride));
+    return out;
   }
 
   void accessors() {
@@ -280,19 +308,33 @@ class DocumentParser {
         primitive.mode = static_cast<GltfPrimitive::Mode>(p_.integer(p, in, "mode", 6, 4));
         primitive.indices = p_.index(p, in, "indices", accessors);
         primitive.morphs = p_.lengthOf(p, "targets") > 0;
-        if (const Json* extensions = p_.find(p, "extensions"))
-          primitive.draco = p_.find(*extensions, "KHR_draco_mesh_compression") != nullptr;
         if (const Json* attributes = p_.find(p, "attributes")) {
           primitive.positions = p_.index(*attributes, in + ".attributes", "POSITION", accessors);
           primitive.colours = p_.index(*attributes, in + ".attributes", "COLOR_0", accessors);
           const int set = p_.failed() || primitive.material == kNoIndex ? 0 : out_.materials[primitive.material].uv_set;
           const std::string name = "TEXCOORD_" + std::to_string(set);
           primitive.uv = p_.index(*attributes, in + ".attributes", name.c_str(), accessors);
+          if (const Json* extensions = p_.find(p, "extensions"))
+            if (const Json* code = p_.find(*extensions, "KHR_draco_mesh_compression"))
+              primitive.draco = draco(*code, in + ".extensions.KHR_draco_mesh_compression", name);
         }
         mesh.primitives.push_back(primitive);
       });
       out_.meshes.push_back(std::move(mesh));
     });
+  }
+
+  GltfPrimitive::Draco draco(const Json& json, const std::string& where, const std::string& uv) {
+    GltfPrimitive::Draco out;
+    out.view = p_.index(json, where, "bufferView", out_.views.size());
+    if (out.view == kNoIndex) p_.note("expected " + where + ".bufferView, found none");
+    const Json* attributes = p_.find(json, "attributes");
+    if (!attributes) return out;
+    const auto number = [&](const std::string& name) {
+      return p_.index(*attributes, where + ".attributes", name.c_str(), kNoIndex);
+    };
+    out.positions = number("POSITION"), out.colours = number("COLOR_0"), out.uv = number(uv);
+    return out;
   }
 
   void nodes() {

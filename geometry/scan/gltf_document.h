@@ -8,6 +8,7 @@
 #include <array>
 #include <cstdint>
 #include <limits>
+#include <optional>
 #include <string>
 #include <string_view>
 #include <vector>
@@ -24,12 +25,26 @@ struct GltfBuffer {
   std::string uri;  // empty: the binary chunk of a .glb
   uint64_t bytes = 0;
 };
+// EXT_meshopt_compression: where the compressed elements lie, and how.
+struct GltfPacking {
+  enum class Mode : uint8_t { kAttributes, kTriangles, kIndices };
+  enum class Filter : uint8_t { kNone, kOctahedral, kQuaternion, kExponential };
+  uint32_t buffer = 0, stride = 0;
+  uint64_t offset = 0, bytes = 0, count = 0;
+  Mode mode = Mode::kAttributes;
+  Filter filter = Filter::kNone;
+};
 struct GltfView {
   uint32_t buffer = 0, stride = 0;  // 0: elements lie one behind the other
-  bool packed = false;              // by EXT_meshopt_compression: its buffer may hold nothing
   uint64_t offset = 0, bytes = 0;
+  std::optional<GltfPacking> packed;  // then its buffer may hold nothing
 };
 enum class GltfComponent : uint8_t { kInt8, kUint8, kInt16, kUint16, kUint32, kFloat };
+constexpr size_t bytesOfComponent(GltfComponent c) {
+  return c == GltfComponent::kInt8 || c == GltfComponent::kUint8     ? 1
+         : c == GltfComponent::kInt16 || c == GltfComponent::kUint16 ? 2
+                                                                     : 4;
+}
 struct GltfAccessor {
   uint32_t view = kNoIndex;
   GltfComponent component = GltfComponent::kFloat;
@@ -58,7 +73,12 @@ struct GltfPrimitive {
   enum class Mode : uint8_t { kPoints, kLines, kLineLoop, kLineStrip, kTriangles, kStrip, kFan };
   uint32_t positions = kNoIndex, colours = kNoIndex, uv = kNoIndex, indices = kNoIndex, material = kNoIndex;
   Mode mode = Mode::kTriangles;
-  bool draco = false, morphs = false;
+  bool morphs = false;
+  // KHR_draco_mesh_compression: the view of the code, and the attributes' numbers in it.
+  struct Draco {
+    uint32_t view = kNoIndex, positions = kNoIndex, colours = kNoIndex, uv = kNoIndex;
+  };
+  std::optional<Draco> draco;
 };
 struct GltfMesh {
   std::vector<GltfPrimitive> primitives;

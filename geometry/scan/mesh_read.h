@@ -1,6 +1,7 @@
 // mesh_read.h - a scan's file into a triangle mesh, diagnosed and, where that is safe, repaired.
-// PLY (ASCII, binary of both byte orders), OBJ with materials, STL, OFF, glTF 2.0 (.gltf, .glb). Safe for untrusted
-// files: nothing is allocated that the file's length does not allow for. Deterministic.
+// PLY (ASCII, binary of both byte orders), OBJ with materials, STL, OFF, glTF 2.0 (.gltf, .glb; meshes that Draco or
+// meshoptimizer compressed, too). Safe for untrusted files: nothing is allocated that the file's length does not allow
+// for. Deterministic.
 //
 // Repaired: duplicate vertices (the same float from the origin; the first one's colour stays), degenerate and duplicate
 // triangles, triangles that run against their piece, closed pieces inside out, edges of more than two triangles and

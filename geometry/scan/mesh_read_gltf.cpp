@@ -154,8 +154,10 @@ class GltfReader {
       if (a.components < least || a.components > most || (whole && !integers))
         return invalid("expected " + where + "." + name + " to be of " +
                        (whole ? "whole numbers" : std::to_string(least) + " numbers each") + ", found another type");
-      return buffers_.check(accessor, std::string(name) + " of " + where, p.draco);
+      return buffers_.check(accessor, std::string(name) + " of " + where);
     };
+    if (p.draco)
+      if (auto done = buffers_.decodeDraco(p, where); !done) return done;
     for (auto done : {one(p.positions, "POSITION", 3, 3, false), one(p.colours, "COLOR_0", 3, 4, false),
                       one(p.uv, "TEXCOORD", 2, 2, false), one(p.indices, "indices", 1, 1, true)})
       if (!done) return done;
@@ -179,14 +181,7 @@ class GltfReader {
       ++no_surfaces_;
       return {};
     }
-    if (p.positions == kNoIndex) {
-      if (!p.draco) return {};
-      return Error{ErrorKind::kUnsupported,
-                   file_.path(),
-                   "a mesh is stored by KHR_draco_mesh_compression alone, which this program does not read",
-                   "write the file without compression",
-                   {}};
-    }
+    if (p.positions == kNoIndex) return {};
     morphs_ += p.morphs;
     const auto first = addVertices(p, placed);
     if (!first) return first.error();

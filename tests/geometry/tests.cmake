@@ -22,6 +22,8 @@ relievo_test(mesh_lod_test LIBS relievo_lod SOURCES geometry/mesh_lod_test.cpp)
 relievo_test(mesh_tails_test LIBS relievo_lod SOURCES geometry/mesh_tails_test.cpp)
 relievo_test(mesh_read_test MEMORY ALONE LIBS relievo_bake OpenMeshCore SOURCES geometry/mesh_read_test.cpp)
 relievo_test(mesh_gltf_test MEMORY LIBS relievo_scan SOURCES geometry/mesh_gltf_test.cpp)
+relievo_test(mesh_gltf_compressed_test MEMORY LIBS relievo_scan meshoptimizer::meshoptimizer draco::draco_static
+  SOURCES geometry/mesh_gltf_compressed_test.cpp)
 relievo_test(mesh_fuzz_test ALONE MEMORY LIBS relievo_bake SOURCES geometry/mesh_fuzz_test.cpp)
 relievo_test(base_mesh_test MEMORY LIBS relievo_artwork SOURCES geometry/base_mesh_test.cpp)
 relievo_test(feature_curves_test LIBS relievo_bake SOURCES geometry/feature_curves_test.cpp)
