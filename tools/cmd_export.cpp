@@ -28,6 +28,7 @@ struct ExportArguments {
   std::string file, output;
   std::optional<int> level;
   std::optional<double> error_mm;
+  int draco_bits = 0;
   bool base = false;
   std::string map, normal_y = "up", light = "0,0,1";
   std::optional<double> contours;
@@ -54,6 +55,7 @@ void printReport(const ExportArguments& o, const MeshExportReport& r, bool size_
   else if (!o.base && r.error_mm) printOutf(", within %.3g %s of full detail", *r.error_mm, unit);
   else if (!o.base) printOutf(", no bound of its error is known");
   printOutf(", %.1f MiB, %.1f s\n", static_cast<double>(r.file_bytes) / (1 << 20), seconds);
+  if (r.draco_step) printOutf("  compressed by Draco: positions in steps of %.3g %s\n", *r.draco_step, unit);
   if (!o.base && r.coarser_error_mm && !o.error_mm)
     printOutf("  level %d has a quarter of the triangles, within %.3g %s of full detail\n", r.level - 1,
               *r.coarser_error_mm, unit);
@@ -191,6 +193,7 @@ Result<void> exportAsMesh(const ExportArguments& o, const std::shared_ptr<const 
     options.level = o.level;
     options.error_mm = o.error_mm;
     options.base = o.base;
+    options.draco_bits = o.draco_bits;
     options.memory_bytes = o.memory_mib << 20;
     options.workers = o.workers;
     options.progress = [&](double share) { line.update(share, o.output); };
@@ -233,7 +236,7 @@ std::string threeNumbers(const std::string& text) {
 constexpr const char* kExportFooter =
     "Example:\n"
     "  relievo export statue.relievo -o statue.ply\n"
-    "  relievo export statue.relievo -o web.glb --error-mm 0.2\n"
+    "  relievo export statue.relievo -o web.glb --error-mm 0.2 --draco 16\n"
     "  relievo export tablet.relievo -o heights.tif --map height\n"
     "  relievo export tablet.relievo -o raking.tif --map lit --light -1,0,0.3\n"
     "  relievo export statue.relievo -o relief.exr --map displacement --level 6\n"
@@ -323,6 +326,12 @@ void addExportCommand(CLI::App& app, CommandContext& context) {
       ->check(CLI::IsMember({"up", "down"}))
       ->needs(map)
       ->capture_default_str();
+  c->add_option(
+       "--draco", o->draco_bits,
+       "Compress a .glb by Draco (KHR_draco_mesh_compression), positions in so many bits a coordinate: 16 keep "
+       "what a scan's package promises [not compressed]")
+      ->check(CLI::Range(8, 24))
+      ->excludes(map);
   addLineOptions(*c, *o, {error, base, map});
   c->add_option("--light", o->light, "X,Y,Z towards the light of --map lit: right, up, to the viewer")
       ->check(threeNumbers)

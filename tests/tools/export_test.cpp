@@ -1,5 +1,7 @@
 // relievo export: what a mesh file holds is compared with the surface evaluated here, straight from the definition
 // S = P + h N, and read back by the project's own readers of meshes.
+#include <algorithm>
+#include <array>
 #include <cmath>
 #include <cstring>
 #include <fstream>
@@ -455,6 +457,81 @@ TEST_F(ExportBall, GlbHoldsTheMeshOfThePly) {
 }
 
 // ---- flat artworks ----
+// Read back, the compressed mesh is the other one: as closed, with as many triangles, all within half a step of theirs.
+TEST_F(ExportBall, DracosGlbIsThePlainOnesMesh) {
+  const auto package = packageOf(NoisyPatches(cubeSphere(2, 40, 3), 0, kReliefDepth, 7));
+  exported(package, "plain.glb", {.level = 4});
+  const LoadedMesh plain = readBack("plain.glb");
+  auto at = [](const LoadedMesh& m, uint32_t v) { return m.mesh.origin_mm + glm::dvec3(m.mesh.positions_mm[v]); };
+  // Corners of triangles, from place to how often it is one, on a grid that is far coarser than steps.
+  constexpr double kGrid = 0.5;
+  auto cornersOf = [&](const LoadedMesh& m) {
+    std::map<std::array<int64_t, 3>, std::vector<glm::dvec3>> out;
+    for (uint32_t v = 0; v < m.mesh.positions_mm.size(); ++v) {
+      const glm::dvec3 p = at(m, v) / kGrid;
+      out[{std::llround(p.x), std::llround(p.y), std::llround(p.z)}].push_back(at(m, v));
+    }
+    return out;
+  };
+  const auto places = cornersOf(plain);
+  double area = 0;
+  for (const auto& t : plain.mesh.triangles)
+    area += glm::length(glm::cross(at(plain, t[1]) - at(plain, t[0]), at(plain, t[2]) - at(plain, t[0]))) / 2;
+  for (const int bits : {12, 16}) {
+    const MeshExportReport report = exported(package, "draco.glb", {.level = 4, .draco_bits = bits});
+    ASSERT_TRUE(report.draco_step);
+    EXPECT_NEAR(*report.draco_step * (std::exp2(bits) - 1), 83, 8) << "the ball's diameter";
+    EXPECT_LT(report.file_bytes, bytesOf(folder_.file("plain.glb")).size() / 4);
+    EXPECT_EQ(report.file_bytes, bytesOf(folder_.file("draco.glb")).size());
+    const LoadedMesh read = readBack("draco.glb");
+    EXPECT_EQ(read.mesh.triangles.size(), plain.mesh.triangles.size());
+    EXPECT_EQ(read.mesh.positions_mm.size(), plain.mesh.positions_mm.size());
+    EXPECT_EQ(read.diagnosis.border_loops, plain.diagnosis.border_loops);
+    // Where patches lie the other way round, Draco takes a vertex for each side; they are welded again.
+    const std::string findings = unexpectedFindings(read.diagnosis);
+    EXPECT_TRUE(findings.starts_with("duplicate vertices (") && std::count(findings.begin(), findings.end(), ';') == 1)
+        << findings;
+    EXPECT_EQ(unexpectedFindings(plain.diagnosis), "");
+    double farthest = 0, area_read = 0;
+    for (uint32_t v = 0; v < read.mesh.positions_mm.size(); ++v) {
+      const glm::dvec3 p = at(read, v);
+      double nearest = 1e9;
+      for (int k = 0; k < 27; ++k) {
+        const glm::dvec3 cell = p / kGrid + glm::dvec3(k % 3 - 1, k / 3 % 3 - 1, k / 9 - 1);
+        const auto found = places.find({std::llround(cell.x), std::llround(cell.y), std::llround(cell.z)});
+        if (found == places.end()) continue;
+        for (const glm::dvec3& q : found->second)
+          nearest = std::min(nearest, std::max({std::abs(p.x - q.x), std::abs(p.y - q.y), std::abs(p.z - q.z)}));
+      }
+      farthest = std::max(farthest, nearest);
+    }
+    EXPECT_LT(farthest, 0.5 * *report.draco_step * 1.01 + 1e-5) << bits;
+    EXPECT_GT(farthest, 0.1 * *report.draco_step) << "control: positions are rounded";
+    for (const auto& t : read.mesh.triangles)
+      area_read += glm::length(glm::cross(at(read, t[1]) - at(read, t[0]), at(read, t[2]) - at(read, t[0]))) / 2;
+    EXPECT_NEAR(area_read, area, area * 1e-3);
+    ASSERT_EQ(read.mesh.colours.size(), read.mesh.positions_mm.size());
+  }
+  std::map<std::array<int, 3>, int> colours, compressed;
+  for (const glm::u8vec3& c : plain.mesh.colours) ++colours[{c.x, c.y, c.z}];
+  for (const glm::u8vec3& c : readBack("draco.glb").mesh.colours) ++compressed[{c.x, c.y, c.z}];
+  EXPECT_TRUE(colours == compressed);
+  EXPECT_GT(colours.size(), 100u);
+  const MeshExportReport base = exported(package, "base.glb", {.base = true, .draco_bits = 14});
+  EXPECT_EQ(base.faces, readBack("base.glb").mesh.triangles.size());
+  // What cannot be is said, and nothing is written.
+  auto refused = [&](const std::string& name, MeshExportOptions options) {
+    options.output = folder_.file(name);
+    const auto report = exportMesh(package, options);
+    EXPECT_FALSE(report.ok());
+    EXPECT_EQ(bytesOf(options.output), "");
+    return report.ok() ? "" : report.error().text();
+  };
+  EXPECT_NE(refused("a.ply", {.level = 4, .draco_bits = 16}).find("only a .glb can be compressed"), std::string::npos);
+  EXPECT_NE(refused("a.glb", {.level = 8, .draco_bits = 16, .memory_bytes = uint64_t{100} << 20}).find("--memory-mib"),
+            std::string::npos);
+}
+
 TEST_F(ExportBall, AFlatArtworkLiesAroundItsCentreWithItsOwnHeights) {
   const NoisyTexture texture(300, 200, Basis::kColour, 5);
   const NoisyHeights heights(300, 200, 9);

@@ -8,6 +8,7 @@
 #include "src/base/file.h"
 #include "src/base/parallel_for.h"
 #include "src/base/printable.h"
+#include "tools/export/glb_draco.h"
 #include "tools/export/mesh_format.h"
 #include "tools/export/shared_vertices.h"
 #include "tools/export/surface_normals.h"
@@ -330,6 +331,30 @@ Result<void> checkMemory(const ExportGrid& grid, const MeshExportOptions& o, boo
                {}};
 }
 
+Result<void> checkDraco(const MeshFacts& facts, const MeshExportOptions& o) {
+  if (o.draco_bits == 0) return {};
+  if (!o.output.ends_with(".glb") && !o.output.ends_with(".GLB"))
+    return Error{
+        ErrorKind::kUsage, o.output, "only a .glb can be compressed by Draco", "leave out --draco, or name a .glb", {}};
+  const uint64_t bytes = dracoBytes(facts);
+  if (bytes <= o.memory_bytes) return {};
+  return Error{ErrorKind::kUsage,
+               o.output,
+               "Draco takes some " + std::to_string((bytes >> 20) + 1) + " MiB of memory for " +
+                   std::to_string(facts.faces) + " triangles, --memory-mib allows " +
+                   std::to_string(o.memory_bytes >> 20),
+               "allow more, or choose a coarser --level or an --error-mm",
+               {}};
+}
+Result<void> compress(OutputFile& file, const MeshFacts& facts, const MeshExportOptions& o, MeshExportReport& report) {
+  if (o.draco_bits == 0) return {};
+  auto done = compressGlb(file, facts, o.draco_bits);
+  if (!done) return done.error();
+  report.vertices = done->vertices;
+  report.draco_step = done->step;
+  return {};
+}
+
 MeshFacts factsOf(const ExportGrid& grid, const MeshFormat& format) {
   MeshFacts facts;
   facts.origin = grid.originMm();
@@ -357,13 +382,15 @@ Result<MeshExportReport> exportBase(const std::shared_ptr<const Package>& packag
   facts.vertices = static_cast<uint64_t>(std::count(used.begin(), used.end(), true));
   facts.about = aboutText(*package, nullptr, {});
   if (auto good = format.check(o.output, facts); !good) return good.error();
+  if (auto good = checkDraco(facts, o); !good) return good.error();
   auto file = OutputFile::create(o.output);
   if (!file) return file.error();
   if (auto done = writeBase(*file, base, format, facts); !done) return done.error();
-  const uint64_t bytes = file->size();
-  if (auto done = file->commit(); !done) return done.error();
   MeshExportReport report;
   report.vertices = facts.vertices;
+  if (auto done = compress(*file, facts, o, report); !done) return done.error();
+  const uint64_t bytes = file->size();
+  if (auto done = file->commit(); !done) return done.error();
   report.faces = facts.faces;
   report.file_bytes = bytes;
   report.quads = format.quads();
@@ -386,6 +413,7 @@ Result<MeshExportReport> exportMesh(std::shared_ptr<const Package> package, cons
   if (!soup) facts.vertices = verticesAtMost(grid);
   if (auto good = (*format)->check(o.output, facts); !good) return good.error();
   if (auto good = checkMemory(grid, o, soup); !good) return good.error();
+  if (auto good = checkDraco(facts, o); !good) return good.error();
   auto bound = grid.errorBound(o.interrupted);
   if (!bound) return bound.error();
   auto coarser = ExportGrid(package, std::max(*level - 1, 0)).errorBound(o.interrupted);
@@ -395,11 +423,12 @@ Result<MeshExportReport> exportMesh(std::shared_ptr<const Package> package, cons
   auto file = OutputFile::create(o.output);
   if (!file) return file.error();
   if (auto done = mesh.write(*file); !done) return done.error();
+  MeshExportReport report;
+  report.vertices = mesh.facts().vertices;
+  if (auto done = compress(*file, mesh.facts(), o, report); !done) return done.error();
   const uint64_t bytes = file->size();
   if (auto done = file->commit(); !done) return done.error();
-  MeshExportReport report;
   report.level = *level;
-  report.vertices = mesh.facts().vertices;
   report.faces = facts.faces;
   report.file_bytes = bytes;
   report.error_mm = *bound;

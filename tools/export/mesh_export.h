@@ -7,8 +7,8 @@
 // pixel under light from the front.
 //
 // Memory: rows of pages for each worker, and of a base mesh 20 bytes for each vertex on a side; refused (kUsage) beyond
-// memory_bytes. The file is written piece by piece and appears when it is whole. The same bytes for any number of
-// workers.
+// memory_bytes, and for Draco the mesh as a whole. The file is written piece by piece and appears when it is whole. The
+// same bytes for any number of workers.
 #pragma once
 
 #include <atomic>
@@ -27,7 +27,8 @@ struct MeshExportOptions {
   std::string output;        // its suffix decides on the format
   std::optional<int> level;  // nothing: full detail, or the coarsest level within error_mm
   std::optional<double> error_mm;
-  bool base = false;  // the base mesh alone, with the normals of its corners
+  bool base = false;   // the base mesh alone, with the normals of its corners
+  int draco_bits = 0;  // of a .glb: compressed by Draco, positions of so many bits a coordinate (glb_draco.h); 0: not
   uint64_t memory_bytes = uint64_t{768} << 20;
   int workers = 0;  // 0: one per core
   std::function<void(double /*0..1*/)> progress;
@@ -41,6 +42,7 @@ struct MeshExportReport {
   std::optional<double> coarser_error_mm;  // the same of the next coarser level
   bool from_origin = false;                // positions in the file count from origin_mm
   glm::dvec3 origin_mm{0};
+  std::optional<double> draco_step;  // positions are rounded to multiples of it, mm (px where no size is known)
 };
 Result<MeshExportReport> exportMesh(std::shared_ptr<const Package> package, const MeshExportOptions& options);
 

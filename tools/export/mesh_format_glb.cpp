@@ -27,6 +27,81 @@ const std::array<uint16_t, 256>& linearLight16() {
 
 std::array<double, 3> listOf(const glm::dvec3& v) { return {v.x, v.y, v.z}; }
 
+uint64_t strideOf(const MeshFacts& f) { return f.colours ? 32 : 24; }
+uint64_t vertexBytes(const MeshFacts& f) { return f.vertices * strideOf(f); }
+uint64_t indexBytes(const MeshFacts& f) { return f.faces * 12; }
+
+using Json = nlohmann::ordered_json;
+
+// All but the places of the numbers.
+Json sceneOf(const MeshFacts& f, const Json& primitive) {
+  constexpr double kMetres = 0.001;
+  Json json = Json::object();
+  json["asset"] = {{"version", "2.0"},
+                   {"generator", "relievo " RELIEVO_VERSION},
+                   {"extras", {{"about", f.about.substr(0, kAboutBytes)}}}};
+  json["scene"] = 0;
+  const Json scene = {{"nodes", Json::array({0})}};
+  json["scenes"] = Json::array({scene});
+  const Json node = {{"mesh", 0},
+                     {"name", "artwork"},
+                     {"translation", listOf(f.origin * kMetres)},
+                     {"scale", listOf(glm::dvec3(kMetres))},
+                     {"extras", {{"position_unit", f.size_known ? "mm" : "px"}, {"origin", listOf(f.origin)}}}};
+  json["nodes"] = Json::array({node});
+  const Json mesh = {{"primitives", Json::array({primitive})}};
+  json["meshes"] = Json::array({mesh});
+  const Json material = {{"pbrMetallicRoughness", {{"metallicFactor", 0}, {"roughnessFactor", 1}}},
+                         {"doubleSided", true}};
+  json["materials"] = Json::array({material});
+  return json;
+}
+Json primitiveOf(const MeshFacts& f) {
+  constexpr int kTriangles = 4;
+  Json attributes = {{"POSITION", 0}, {"NORMAL", 1}};
+  if (f.colours) attributes["COLOR_0"] = 3;
+  return {{"attributes", attributes}, {"indices", 2}, {"material", 0}, {"mode", kTriangles}};
+}
+// view: of an accessor's numbers, at that byte of it; negative: none.
+struct AccessorPlace {
+  int view, offset;
+};
+Json accessorsOf(const MeshFacts& f, const std::array<AccessorPlace, 4>& places) {
+  Json out = Json::array();
+  auto add = [&](int component, uint64_t count, const char* type) -> Json& {
+    const AccessorPlace& place = places[out.size()];
+    Json accessor = Json::object();
+    if (place.view >= 0) accessor["bufferView"] = place.view, accessor["byteOffset"] = place.offset;
+    accessor["componentType"] = component;
+    accessor["count"] = count;
+    accessor["type"] = type;
+    out.push_back(accessor);
+    return out.back();
+  };
+  Json& positions = add(kFloat, f.vertices, "VEC3");
+  positions["min"] = listOf(f.low);
+  positions["max"] = listOf(f.high);
+  add(kFloat, f.vertices, "VEC3");
+  add(kUnsignedInt, 3 * f.faces, "SCALAR");
+  if (f.colours) add(kUnsignedShort, f.vertices, "VEC4")["normalized"] = true;
+  return out;
+}
+
+ByteBuffer headOf(const Json& document, uint64_t binary) {
+  std::string json = document.dump(-1, ' ', true, Json::error_handler_t::replace);
+  json.resize(kJsonBytes, ' ');
+  ByteBuffer out;
+  for (const char c : {'g', 'l', 'T', 'F'}) out.push_back(static_cast<uint8_t>(c));
+  put(out, uint32_t{2});
+  put(out, static_cast<uint32_t>(kHeadBytes + binary));
+  put(out, static_cast<uint32_t>(kJsonBytes));
+  put(out, uint32_t{0x4E4F534A});  // JSON
+  out.insert(out.end(), json.begin(), json.end());
+  put(out, static_cast<uint32_t>(binary));
+  put(out, uint32_t{0x004E4942});  // BIN
+  return out;
+}
+
 class GlbFormat final : public MeshFormat {
  public:
   bool quads() const override { return false; }
@@ -42,19 +117,19 @@ class GlbFormat final : public MeshFormat {
                  {}};
   }
   ByteBuffer head(const MeshFacts& f) const override {
-    std::string json = jsonOf(f).dump(-1, ' ', true, nlohmann::ordered_json::error_handler_t::replace);
-    json.resize(kJsonBytes, ' ');
-    const uint64_t binary = vertexBytes(f) + indexBytes(f);
-    ByteBuffer out;
-    for (const char c : {'g', 'l', 'T', 'F'}) out.push_back(static_cast<uint8_t>(c));
-    put(out, uint32_t{2});
-    put(out, static_cast<uint32_t>(kHeadBytes + binary));
-    put(out, static_cast<uint32_t>(kJsonBytes));
-    put(out, uint32_t{0x4E4F534A});  // JSON
-    out.insert(out.end(), json.begin(), json.end());
-    put(out, static_cast<uint32_t>(binary));
-    put(out, uint32_t{0x004E4942});  // BIN
-    return out;
+    Json json = sceneOf(f, primitiveOf(f));
+    json["accessors"] = accessorsOf(f, {AccessorPlace{0, 0}, {0, 12}, {1, 0}, {0, 24}});
+    json["bufferViews"] = Json::array();
+    json["bufferViews"].push_back({{"buffer", 0},
+                                   {"byteOffset", 0},
+                                   {"byteLength", vertexBytes(f)},
+                                   {"byteStride", strideOf(f)},
+                                   {"target", kArrayBuffer}});
+    json["bufferViews"].push_back(
+        {{"buffer", 0}, {"byteOffset", vertexBytes(f)}, {"byteLength", indexBytes(f)}, {"target", kElementArray}});
+    const Json buffer = {{"byteLength", vertexBytes(f) + indexBytes(f)}};
+    json["buffers"] = Json::array({buffer});
+    return headOf(json, vertexBytes(f) + indexBytes(f));
   }
   void vertex(const MeshFacts& f, const ExportVertex& v, ByteBuffer& out) const override {
     put(out, glm::vec3(v.position));
@@ -66,68 +141,28 @@ class GlbFormat final : public MeshFormat {
   void face(const std::array<uint32_t, 4>& corners, int count, ByteBuffer& out) const override {
     for (int k = 0; k < count; ++k) put(out, corners[static_cast<size_t>(k)]);
   }
-
- private:
-  static uint64_t stride(const MeshFacts& f) { return f.colours ? 32 : 24; }
-  static uint64_t vertexBytes(const MeshFacts& f) { return f.vertices * stride(f); }
-  static uint64_t indexBytes(const MeshFacts& f) { return f.faces * 12; }
-
-  static nlohmann::ordered_json jsonOf(const MeshFacts& f) {
-    using Json = nlohmann::ordered_json;
-    constexpr double kMetres = 0.001;
-    Json json = Json::object();
-    json["asset"] = {{"version", "2.0"},
-                     {"generator", "relievo " RELIEVO_VERSION},
-                     {"extras", {{"about", f.about.substr(0, kAboutBytes)}}}};
-    json["scene"] = 0;
-    const Json scene = {{"nodes", Json::array({0})}};
-    json["scenes"] = Json::array({scene});
-    const Json node = {{"mesh", 0},
-                       {"name", "artwork"},
-                       {"translation", listOf(f.origin * kMetres)},
-                       {"scale", listOf(glm::dvec3(kMetres))},
-                       {"extras", {{"position_unit", f.size_known ? "mm" : "px"}, {"origin", listOf(f.origin)}}}};
-    json["nodes"] = Json::array({node});
-    Json attributes = {{"POSITION", 0}, {"NORMAL", 1}};
-    if (f.colours) attributes["COLOR_0"] = 3;
-    constexpr int kTriangles = 4;
-    const Json primitive = {{"attributes", attributes}, {"indices", 2}, {"material", 0}, {"mode", kTriangles}};
-    const Json mesh = {{"primitives", Json::array({primitive})}};
-    json["meshes"] = Json::array({mesh});
-    const Json material = {{"pbrMetallicRoughness", {{"metallicFactor", 0}, {"roughnessFactor", 1}}},
-                           {"doubleSided", true}};
-    json["materials"] = Json::array({material});
-    json["accessors"] = Json::array();
-    auto accessor = [&](int view, int offset, int component, uint64_t count, const char* type) -> Json& {
-      json["accessors"].push_back({{"bufferView", view},
-                                   {"byteOffset", offset},
-                                   {"componentType", component},
-                                   {"count", count},
-                                   {"type", type}});
-      return json["accessors"].back();
-    };
-    Json& positions = accessor(0, 0, kFloat, f.vertices, "VEC3");
-    positions["min"] = listOf(f.low);
-    positions["max"] = listOf(f.high);
-    accessor(0, 12, kFloat, f.vertices, "VEC3");
-    accessor(1, 0, kUnsignedInt, 3 * f.faces, "SCALAR");
-    if (f.colours) accessor(0, 24, kUnsignedShort, f.vertices, "VEC4")["normalized"] = true;
-    json["bufferViews"] = Json::array();
-    json["bufferViews"].push_back({{"buffer", 0},
-                                   {"byteOffset", 0},
-                                   {"byteLength", vertexBytes(f)},
-                                   {"byteStride", stride(f)},
-                                   {"target", kArrayBuffer}});
-    json["bufferViews"].push_back(
-        {{"buffer", 0}, {"byteOffset", vertexBytes(f)}, {"byteLength", indexBytes(f)}, {"target", kElementArray}});
-    const Json buffer = {{"byteLength", vertexBytes(f) + indexBytes(f)}};
-    json["buffers"] = Json::array({buffer});
-    return json;
-  }
 };
 
 }  // namespace
 
 std::unique_ptr<MeshFormat> makeGlbFormat() { return std::make_unique<GlbFormat>(); }
+
+GlbLayout::GlbLayout(const MeshFacts& f)
+    : vertices_at(kHeadBytes), stride(strideOf(f)), indices_at(kHeadBytes + vertexBytes(f)) {}
+
+ByteBuffer glbHead(const MeshFacts& f, const GlbDraco& draco) {
+  constexpr const char* kExtension = "KHR_draco_mesh_compression";
+  const uint64_t binary = (draco.bytes + 3) / 4 * 4;
+  Json primitive = primitiveOf(f), attributes = {{"POSITION", draco.position}, {"NORMAL", draco.normal}};
+  if (f.colours) attributes["COLOR_0"] = draco.colour;
+  primitive["extensions"][kExtension] = {{"bufferView", 0}, {"attributes", attributes}};
+  Json json = sceneOf(f, primitive);
+  json["extensionsUsed"] = json["extensionsRequired"] = Json::array({kExtension});
+  json["accessors"] = accessorsOf(f, {AccessorPlace{-1, 0}, {-1, 0}, {-1, 0}, {-1, 0}});
+  const Json view = {{"buffer", 0}, {"byteOffset", 0}, {"byteLength", draco.bytes}}, buffer = {{"byteLength", binary}};
+  json["bufferViews"] = Json::array({view});
+  json["buffers"] = Json::array({buffer});
+  return headOf(json, binary);
+}
 
 }  // namespace relievo

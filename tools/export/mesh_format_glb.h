@@ -11,4 +11,18 @@ namespace relievo {
 
 std::unique_ptr<MeshFormat> makeGlbFormat();
 
+// Where a file of that format has its parts, in bytes. A vertex: position and normal, three floats each; colour, four
+// u16. A triangle: three u32.
+struct GlbLayout {
+  uint64_t vertices_at, stride, indices_at;
+  explicit GlbLayout(const MeshFacts& facts);
+};
+
+// The head of a file whose binary chunk is Draco's code of the mesh.
+struct GlbDraco {
+  uint64_t bytes = 0;
+  uint32_t position = 0, normal = 0, colour = 0;  // the attributes' numbers in it
+};
+ByteBuffer glbHead(const MeshFacts& facts, const GlbDraco& draco);
+
 }  // namespace relievo
