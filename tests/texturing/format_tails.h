@@ -8,6 +8,7 @@
 #include <cstdint>
 #include <cstdlib>
 #include <map>
+#include <span>
 #include <tuple>
 
 #include "src/artwork/relief_lattice.h"
@@ -176,5 +177,13 @@ struct HeightsReader {
     to = known >= 0 ? known : wrapped(line + (w + found) * d[l]);
   }
 };
+
+// The next stream of a chunk, which `at` is moved behind.
+inline std::span<const uint8_t> nextStream(std::span<const uint8_t> chunk, size_t& at) {
+  uint32_t length = 0;
+  for (size_t k = 0; k < 4; ++k) length |= uint32_t{chunk[at + k]} << 8 * k;
+  at += 4 + length;
+  return chunk.subspan(at - length, length);
+}
 
 }  // namespace relievo::format_tails

@@ -7,9 +7,13 @@
 #include <cstddef>
 #include <cstdint>
 #include <random>
+#include <span>
 #include <vector>
 
+#include <gtest/gtest.h>
+
 #include "src/artwork/relief_lattice.h"
+#include "texturing/codec/tail_code.h"
 #include "texturing/package/patch_tails.h"
 
 namespace relievo::tail_fixture {
@@ -119,6 +123,46 @@ inline std::vector<Contents> contents() {
           {"smooth", smooth(40, false)},
           {"smooth and painted", smooth(40, true)},
           {"in steps", smooth(20, true, 24)}};
+}
+
+// good: a code of 12 patches of two planes with those corners; fewer, more: corners of 11 and of 13.
+inline void expectDamageIsRefused(const std::vector<uint8_t>& good, PatchCorners corners, PatchCorners fewer,
+                                  PatchCorners more) {
+  auto decodes = [&](std::span<const uint8_t> bytes, size_t patches, int channels, PatchCorners of) {
+    Tails back = empty(patches, channels);
+    return decodeTailCode(bytes, channels, of, back.heights, back.texels);
+  };
+  EXPECT_TRUE(decodes(good, 12, 6, corners)) << "control";
+  for (size_t length = 0; length < good.size(); length += length < 64 ? 1 : 37)
+    EXPECT_FALSE(decodes(std::span(good).first(length), 12, 6, corners)) << length;
+  std::vector<uint8_t> longer = good;
+  longer.push_back(0);
+  EXPECT_FALSE(decodes(longer, 12, 6, corners));
+  EXPECT_FALSE(decodes(good, 11, 6, fewer));
+  EXPECT_FALSE(decodes(good, 13, 6, more));
+  EXPECT_FALSE(decodes(good, 12, 9, corners));
+  std::mt19937 random(kSeed);
+  size_t refused = 0, tried = 0;
+  for (size_t i = 0; i < good.size(); i += 1 + good.size() / 400, ++tried) {
+    std::vector<uint8_t> bad = good;
+    bad[i] ^= static_cast<uint8_t>(1u << random() % 8);
+    refused += !decodes(bad, 12, 6, corners);
+  }
+  EXPECT_GT(refused, tried / 2) << "most leave too few bytes or too many";
+  size_t refused_junk = 0;
+  std::vector<uint8_t> junk(3000);
+  for (int i = 0; i < 50; ++i) {
+    for (uint8_t& b : junk) b = static_cast<uint8_t>(random());
+    // Streams of lengths that fit, of anything.
+    size_t at = 0;
+    for (uint32_t length : {900u, 1000u, 1088u}) {
+      for (size_t k = 0; k < 4; ++k) junk[at + k] = static_cast<uint8_t>(length >> 8 * k);
+      junk[at + 4] = static_cast<uint8_t>(i % 5);
+      at += 4 + length;
+    }
+    refused_junk += !decodes(junk, 12, 6, corners);
+  }
+  EXPECT_GE(refused_junk, 49u) << "hardly any junk ends where its last bit does";
 }
 
 }  // namespace relievo::tail_fixture
