@@ -4,9 +4,10 @@
 // for. Deterministic.
 //
 // Repaired: duplicate vertices (the same float from the origin; the first one's colour stays), degenerate and duplicate
-// triangles, triangles that run against their piece, closed pieces inside out, edges of more than two triangles and
-// vertices of several fans (split; the pieces stay where they are), pieces with one side only (cut open), T-junctions
-// (vertices of an open border within 1e-7 of the diagonal of another open edge), vertices of no triangle.
+// triangles, triangles that run against their piece, closed pieces inside out (but for small holes, too), edges of more
+// than two triangles and vertices of several fans (split; the pieces stay where they are), pieces with one side only
+// (cut open), T-junctions (vertices of an open border within 1e-7 of the diagonal of another open edge), vertices of no
+// triangle.
 //
 // Dropped, with the area that is lost: of more than 2,048 pieces the smallest, up to 1 % of the area; pieces that have
 // no area.

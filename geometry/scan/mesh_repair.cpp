@@ -249,6 +249,7 @@ class Repair {
     };
     tell("flipped triangles", "turned as their piece", turned.triangles);
     tell("closed pieces inside out", "turned", turned.inside_out);
+    tell("pieces inside out that are closed but for small holes", "turned", turned.inside_out_with_holes);
     MeshFinding one_sided{"pieces with one side only, as a Moebius strip has",
                           0,
                           {},

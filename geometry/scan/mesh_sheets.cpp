@@ -113,6 +113,68 @@ bool anyRunsAlike(const Triangles& triangles, const std::vector<uint32_t>& mate,
   return any;
 }
 
+// How much volume a piece encloses, and how large its surface and its holes are.
+struct Enclosure {
+  double volume = 0, area = 0, holes = 0;  // six times, twice, twice
+};
+// Of triangles that run as `turn` says. False: interrupted.
+bool measure(const TriMesh& mesh, const EdgeCensus& census, std::span<const uint32_t> members,
+             const std::vector<bool>& turn, const std::atomic<bool>* stop, Enclosure& out) {
+  const Triangles& triangles = mesh.triangles;
+  std::unordered_map<uint32_t, uint32_t> parent;  // of vertices on borders
+  auto rootOf = [&](uint32_t v) {
+    while (parent[v] != v) v = parent[v] = parent[parent[v]];
+    return v;
+  };
+  std::vector<uint32_t> open;
+  const glm::dvec3 origin(mesh.positions_mm[triangles[members[0]][0]]);
+  auto at = [&](uint32_t v) { return glm::dvec3(mesh.positions_mm[v]) - origin; };
+  size_t steps = 0;
+  glm::dvec3 middle(0);
+  for (uint32_t t : members) {
+    if (stopAt(steps++, stop)) return false;
+    const auto& v = triangles[t];
+    out.area += glm::length(glm::cross(at(v[1]) - at(v[0]), at(v[2]) - at(v[0])));
+    for (uint32_t h = 3 * t; h < 3 * t + 3; ++h) {
+      if (census.mate[h] != kNoHalfEdge) continue;
+      open.push_back(h);
+      const uint32_t a = fromVertex(triangles, h), b = toVertex(triangles, h);
+      parent.try_emplace(a, a), parent.try_emplace(b, b);
+      const uint32_t first = rootOf(a), second = rootOf(b);
+      parent[std::max(first, second)] = std::min(first, second);
+      middle += at(a);
+    }
+  }
+  // From the middle of the borders holes hardly count for the volume.
+  if (!open.empty()) middle /= static_cast<double>(open.size());
+  for (uint32_t t : members) {
+    const auto& v = triangles[t];
+    const double six = glm::dot(at(v[0]) - middle, glm::cross(at(v[1]) - middle, at(v[2]) - middle));
+    out.volume += turn[t] ? -six : six;
+  }
+  // A hole is covered by triangles from its border to the middle of that.
+  struct Border {
+    glm::dvec3 sum{0};
+    double count = 0;
+  };
+  std::unordered_map<uint32_t, Border> borders;
+  for (uint32_t h : open) {
+    Border& b = borders[rootOf(fromVertex(triangles, h))];
+    b.sum += at(fromVertex(triangles, h));
+    ++b.count;
+  }
+  for (uint32_t h : open) {
+    const Border& b = borders[rootOf(fromVertex(triangles, h))];
+    const glm::dvec3 centre = b.sum / b.count;
+    out.holes += glm::length(glm::cross(at(fromVertex(triangles, h)) - centre, at(toVertex(triangles, h)) - centre));
+  }
+  return true;
+}
+
+// Of less a piece of few triangles has no inside; a piece with larger holes may be a vessel scanned from within.
+constexpr size_t kLeastEnclosing = 4;
+constexpr double kHoles = 0.05;  // of its area
+
 }  // namespace
 
 Turned findTurns(const TriMesh& mesh, const EdgeCensus& census, const std::atomic<bool>* stop, int workers) {
@@ -162,17 +224,11 @@ Turned findTurns(const TriMesh& mesh, const EdgeCensus& census, const std::atomi
         if (turn[t]) out.triangles.push_back(t);
       }
     }
-    if (!closed) continue;
-    glm::dvec3 origin(mesh.positions_mm[triangles[members[0]][0]]);
-    double volume = 0;
-    for (uint32_t t : members) {
-      if (stopAt(steps++, stop)) return out;
-      auto at = [&](size_t k) { return glm::dvec3(mesh.positions_mm[triangles[t][k]]) - origin; };
-      double v = glm::dot(at(0), glm::cross(at(1), at(2)));
-      volume += turn[t] ? -v : v;
-    }
-    if (volume >= 0) continue;
-    out.inside_out.push_back(members[0]);
+    if (contradiction || members.size() < kLeastEnclosing) continue;
+    Enclosure e;
+    if (!measure(mesh, census, members, turn, stop, e)) return out;
+    if (e.volume >= 0 || (!closed && e.holes > kHoles * e.area)) continue;
+    (closed ? out.inside_out : out.inside_out_with_holes).push_back(members[0]);
     for (uint32_t t : members) turn[t] = !turn[t];
   }
   out.complete = true;
@@ -186,7 +242,7 @@ void turnOver(TriMesh& mesh, EdgeCensus& census, Turned& turned) {
     census.mate[h] = census.mate[m] = kNoHalfEdge;
     census.open.insert(census.open.end(), {h, m});
   }
-  if (turned.triangles.empty() && turned.inside_out.empty()) return;
+  if (turned.triangles.empty() && turned.inside_out.empty() && turned.inside_out_with_holes.empty()) return;
   const std::vector<bool>& turn = turned.turn;
   // Corners 1 and 2 change places, and with them half-edges 0 and 2.
   auto renamed = [&](uint32_t h) { return turn[h / 3] && h % 3 != 1 ? h / 3 * 3 + 2 - h % 3 : h; };

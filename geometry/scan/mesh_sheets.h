@@ -30,15 +30,17 @@ struct Pieces {
 };
 
 // Which triangles to turn so that those of a piece run alike: as most of them do; closed pieces (crowded edges count as
-// closed) outwards, by their signed volume. A piece with one side only, as a Moebius strip has, is to be cut open where
-// its triangles, met one after the other, come back to those met first on their other side.
+// closed), and those whose holes are at most 5 % of their area, outwards, by their signed volume. A piece with one side
+// only, as a Moebius strip has, is to be cut open where its triangles, met one after the other, come back to those met
+// first on their other side.
 struct Turned {
   Pieces pieces;
-  std::vector<bool> turn;            // of each triangle
-  bool complete = false;             // else interrupted
-  std::vector<uint32_t> triangles;   // turned against their piece
-  std::vector<uint32_t> inside_out;  // a triangle of each closed piece that was turned as a whole
-  std::vector<uint32_t> cut;         // a half-edge of each edge to cut. They form lines that end at borders, if at all
+  std::vector<bool> turn;                       // of each triangle
+  bool complete = false;                        // else interrupted
+  std::vector<uint32_t> triangles;              // turned against their piece
+  std::vector<uint32_t> inside_out;             // a triangle of each closed piece that was turned as a whole
+  std::vector<uint32_t> inside_out_with_holes;  // the same of pieces that are closed but for small holes
+  std::vector<uint32_t> cut;  // a half-edge of each edge to cut. They form lines that end at borders, if at all
   size_t cut_pieces = 0;
 };
 // Soon after *stop is set: a part of it, with which turnOver() leaves the mesh as it is.

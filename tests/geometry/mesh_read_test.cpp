@@ -886,6 +886,36 @@ TEST(MeshRepairs, ClosedPiecesFaceOutwards) {
   EXPECT_EQ(defects(mustRepair(toMesh(open)).diagnosis), "");
 }
 
+// But for a hole of few triangles, or two of them; not where a quarter of the ball is missing, nor as a sheet that
+// waves.
+TEST(MeshRepairs, PiecesThatAreClosedButForSmallHolesFaceOutwards) {
+  constexpr const char* kWithHoles = "pieces inside out that are closed but for small holes";
+  for (const bool turned : {false, true})
+    for (const int missing : {1, 2, 3}) {
+      Sample s = scanOfCubeSphere(8, 10, {1000, 0, 0});
+      const double above = missing == 3 ? 0.25 : 0.95;
+      std::erase_if(s.triangles, [&](const std::array<uint32_t, 3>& t) {
+        const glm::dvec3 p = (s.positions[t[0]] + s.positions[t[1]] + s.positions[t[2]]) / 3.0 - glm::dvec3(1000, 0, 0);
+        const double up = p.z / glm::length(p);
+        return up > above || (missing == 2 && -up > above);
+      });
+      if (turned)
+        for (auto& t : s.triangles) std::swap(t[1], t[2]);
+      const LoadedMesh r = mustRepair(toMesh(s));
+      const bool turns = turned && missing < 3;
+      EXPECT_EQ(found(r.diagnosis, kWithHoles), turns ? 1u : 0u) << missing;
+      const double outwards = turned && !turns ? -1 : 1;
+      glm::dvec3 facing(0);  // how far each triangle faces away from the ball's centre
+      for (const auto& t : r.mesh.triangles) {
+        auto at = [&](size_t k) {
+          return r.mesh.origin_mm + glm::dvec3(r.mesh.positions_mm[t[k]]) - glm::dvec3(1000, 0, 0);
+        };
+        facing.x += glm::dot(glm::cross(at(1) - at(0), at(2) - at(0)), at(0)) > 0 ? 1 : -1;
+      }
+      EXPECT_EQ(facing.x, outwards * static_cast<double>(r.mesh.triangles.size())) << missing << turned;
+    }
+}
+
 Sample ring(int n, bool twisted) {
   Sample s;
   for (int i = 0; i < n; ++i) {
