@@ -113,46 +113,33 @@ bool anyRunsAlike(const Triangles& triangles, const std::vector<uint32_t>& mate,
   return any;
 }
 
-// How much volume a piece encloses, and how large its surface and its holes are.
-struct Enclosure {
-  double volume = 0, area = 0, holes = 0;  // six times, twice, twice
-};
-// Of triangles that run as `turn` says. False: interrupted.
-bool measure(const TriMesh& mesh, const EdgeCensus& census, std::span<const uint32_t> members,
-             const std::vector<bool>& turn, const std::atomic<bool>* stop, Enclosure& out) {
+// A piece with larger holes may be a vessel scanned from within.
+constexpr double kMostHoles = 0.05;  // of its area
+
+// Half-edges of a piece that no other triangle meets.
+std::vector<uint32_t> openEdges(const EdgeCensus& census, std::span<const uint32_t> members) {
+  std::vector<uint32_t> out;
+  for (uint32_t t : members)
+    for (uint32_t h = 3 * t; h < 3 * t + 3; ++h)
+      if (census.mate[h] == kNoHalfEdge) out.push_back(h);
+  return out;
+}
+
+// Each hole is covered by triangles from its border to the middle of that.
+bool hasSmallHoles(const TriMesh& mesh, std::span<const uint32_t> members, std::span<const uint32_t> open) {
   const Triangles& triangles = mesh.triangles;
   std::unordered_map<uint32_t, uint32_t> parent;  // of vertices on borders
   auto rootOf = [&](uint32_t v) {
     while (parent[v] != v) v = parent[v] = parent[parent[v]];
     return v;
   };
-  std::vector<uint32_t> open;
-  const glm::dvec3 origin(mesh.positions_mm[triangles[members[0]][0]]);
-  auto at = [&](uint32_t v) { return glm::dvec3(mesh.positions_mm[v]) - origin; };
-  size_t steps = 0;
-  glm::dvec3 middle(0);
-  for (uint32_t t : members) {
-    if (stopAt(steps++, stop)) return false;
-    const auto& v = triangles[t];
-    out.area += glm::length(glm::cross(at(v[1]) - at(v[0]), at(v[2]) - at(v[0])));
-    for (uint32_t h = 3 * t; h < 3 * t + 3; ++h) {
-      if (census.mate[h] != kNoHalfEdge) continue;
-      open.push_back(h);
-      const uint32_t a = fromVertex(triangles, h), b = toVertex(triangles, h);
-      parent.try_emplace(a, a), parent.try_emplace(b, b);
-      const uint32_t first = rootOf(a), second = rootOf(b);
-      parent[std::max(first, second)] = std::min(first, second);
-      middle += at(a);
-    }
+  for (uint32_t h : open) {
+    const uint32_t a = fromVertex(triangles, h), b = toVertex(triangles, h);
+    parent.try_emplace(a, a), parent.try_emplace(b, b);
+    const uint32_t first = rootOf(a), second = rootOf(b);
+    parent[std::max(first, second)] = std::min(first, second);
   }
-  // From the middle of the borders holes hardly count for the volume.
-  if (!open.empty()) middle /= static_cast<double>(open.size());
-  for (uint32_t t : members) {
-    const auto& v = triangles[t];
-    const double six = glm::dot(at(v[0]) - middle, glm::cross(at(v[1]) - middle, at(v[2]) - middle));
-    out.volume += turn[t] ? -six : six;
-  }
-  // A hole is covered by triangles from its border to the middle of that.
+  auto at = [&](uint32_t v) { return glm::dvec3(mesh.positions_mm[v]); };
   struct Border {
     glm::dvec3 sum{0};
     double count = 0;
@@ -163,17 +150,18 @@ bool measure(const TriMesh& mesh, const EdgeCensus& census, std::span<const uint
     b.sum += at(fromVertex(triangles, h));
     ++b.count;
   }
+  double area = 0, holes = 0;
+  for (uint32_t t : members) {
+    const auto& v = triangles[t];
+    area += glm::length(glm::cross(at(v[1]) - at(v[0]), at(v[2]) - at(v[0])));
+  }
   for (uint32_t h : open) {
     const Border& b = borders[rootOf(fromVertex(triangles, h))];
     const glm::dvec3 centre = b.sum / b.count;
-    out.holes += glm::length(glm::cross(at(fromVertex(triangles, h)) - centre, at(toVertex(triangles, h)) - centre));
+    holes += glm::length(glm::cross(at(fromVertex(triangles, h)) - centre, at(toVertex(triangles, h)) - centre));
   }
-  return true;
+  return holes <= kMostHoles * area;
 }
-
-// Of less a piece of few triangles has no inside; a piece with larger holes may be a vessel scanned from within.
-constexpr size_t kLeastEnclosing = 4;
-constexpr double kHoles = 0.05;  // of its area
 
 }  // namespace
 
@@ -224,10 +212,20 @@ Turned findTurns(const TriMesh& mesh, const EdgeCensus& census, const std::atomi
         if (turn[t]) out.triangles.push_back(t);
       }
     }
-    if (contradiction || members.size() < kLeastEnclosing) continue;
-    Enclosure e;
-    if (!measure(mesh, census, members, turn, stop, e)) return out;
-    if (e.volume >= 0 || (!closed && e.holes > kHoles * e.area)) continue;
+    if (contradiction) continue;
+    // From the middle of the borders, from where holes hardly count.
+    const std::vector<uint32_t> open_edges = closed ? std::vector<uint32_t>() : openEdges(census, members);
+    glm::dvec3 origin(mesh.positions_mm[triangles[members[0]][0]]), middle(0);
+    for (uint32_t h : open_edges) middle += glm::dvec3(mesh.positions_mm[fromVertex(triangles, h)]) - origin;
+    if (!closed) origin += middle / static_cast<double>(open_edges.size());
+    double volume = 0;
+    for (uint32_t t : members) {
+      if (stopAt(steps++, stop)) return out;
+      auto at = [&](size_t k) { return glm::dvec3(mesh.positions_mm[triangles[t][k]]) - origin; };
+      double v = glm::dot(at(0), glm::cross(at(1), at(2)));
+      volume += turn[t] ? -v : v;
+    }
+    if (volume >= 0 || (!closed && !hasSmallHoles(mesh, members, open_edges))) continue;
     (closed ? out.inside_out : out.inside_out_with_holes).push_back(members[0]);
     for (uint32_t t : members) turn[t] = !turn[t];
   }

@@ -215,6 +215,14 @@ struct DecodingCoder {
   uint32_t plain(uint32_t, int count) { return rc.plain(count); }
 };
 
+// A number of kBits bits, the highest first, each by a model of its own for what the bits before it were.
+template <int kBits, class Coder>
+uint32_t codeSymbol(Coder& coder, std::array<BitModel, 1 << kBits>& models, uint32_t symbol) {
+  uint32_t node = 1;
+  for (int i = kBits - 1; i >= 0; --i) node = node << 1 | coder.bit(models[node], symbol >> i & 1);
+  return node - (1u << kBits);
+}
+
 inline constexpr int32_t kNotGiven = -1;
 
 constexpr int blocksASide(int n) { return std::max(1, n / (2 * kBlockCells)); }

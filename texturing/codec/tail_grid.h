@@ -307,8 +307,9 @@ class PlaneCode {
       planExactly(from, plan_);
       if (std::none_of(plan_.open.begin(), plan_.open.end(), [](bool open) { return open; })) plan_.reach = reach_;
     }
-    kind_ = std::min(symbol<2>(kind_model_[kind_], static_cast<uint32_t>(plan_.kind)), uint32_t{kKinds - 1});
-    reach_ = symbol<3>(reach_model_[reach_], static_cast<uint32_t>(plan_.reach));
+    kind_ = std::min(relief_levels::codeSymbol<2>(coder_, kind_model_[kind_], static_cast<uint32_t>(plan_.kind)),
+                     uint32_t{kKinds - 1});
+    reach_ = relief_levels::codeSymbol<3>(coder_, reach_model_[reach_], static_cast<uint32_t>(plan_.reach));
     codeCorners(corners);
     codeLevels();
     if constexpr (!kEncodes)
@@ -334,13 +335,6 @@ class PlaneCode {
     for (size_t level = 0; level < kLevels; ++level)
       for (size_t c = 0; c < 3; ++c) std::fill_n(levels[level] + c * texelsOf(level), texelsOf(level), first_[c]);
   }
-  template <int kBits>
-  uint32_t symbol(std::array<BitModel, 1 << kBits>& models, uint32_t v) {
-    uint32_t node = 1;
-    for (int i = kBits - 1; i >= 0; --i) node = node << 1 | coder_.bit(models[node], v >> i & 1);
-    return node - (1u << kBits);
-  }
-
   void codeCorners(const std::array<uint32_t, 4>& corners) {
     for (size_t k = 0; k < 4; ++k) {
       const auto found = seen_.find(corners[k]);

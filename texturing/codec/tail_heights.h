@@ -18,15 +18,10 @@
 
 namespace relievo::tail_heights {
 
+using relief_levels::codeSymbol;
+
 inline constexpr int kLevels = kTailCodeCellsLog2, kCells = 1 << kLevels, kSide = kCells + 1;
 inline constexpr size_t kHeights = size_t{kSide} * kSide;
-
-template <int kBits, class Coder>
-uint32_t codeSymbol(Coder& coder, std::array<BitModel, 1 << kBits>& models, uint32_t symbol) {
-  uint32_t node = 1;
-  for (int i = kBits - 1; i >= 0; --i) node = node << 1 | coder.bit(models[node], symbol >> i & 1);
-  return node - (1u << kBits);
-}
 
 // What relief pages state plainly is the same in most patches of a scan.
 template <class Coder>

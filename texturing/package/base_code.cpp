@@ -102,9 +102,7 @@ class BaseCode {
   template <int kBits, size_t kSize>
   uint32_t symbol(std::array<BitModel, kSize>& models, uint32_t v) {
     static_assert(kSize == 1 << kBits);
-    uint32_t node = 1;
-    for (int i = kBits - 1; i >= 0; --i) node = node << 1 | coder_.bit(models[node], v >> i & 1);
-    return node - (1u << kBits);
+    return relief_levels::codeSymbol<kBits>(coder_, models, v);
   }
   uint32_t number(NumberModels& m, uint32_t v) {
     const auto width = static_cast<int>(symbol<6>(m.width, static_cast<uint32_t>(std::bit_width(v))));
@@ -177,14 +175,14 @@ class BaseCode {
   // other two are new, or at the end of another open side, or any. found: it is such a patch. False: damaged.
   bool quadAtSide(uint32_t p, OpenSides& open, bool& found, size_t& reached_by) {
     constexpr uint32_t kNoSide = 63;
-    uint32_t side = OpenSides::kNone, skipped = kNoSide;
+    uint32_t skipped = kNoSide;
     if constexpr (kEncodes) {
       const auto quad = quadOf(p);
       uint32_t newest = open.newest();
       for (uint32_t n = 0; n < kNoSide && newest != OpenSides::kNone && skipped == kNoSide; ++n) {
         for (size_t i = 0; i < 4; ++i)
           if (open.between(quad[OpenSides::corner(i)], quad[OpenSides::corner(i + 1)]) == newest)
-            reached_by = i, skipped = n, side = newest;
+            reached_by = i, skipped = n;
         newest = open[newest].older;
       }
     }
@@ -192,7 +190,7 @@ class BaseCode {
     found = skipped != kNoSide;
     if (!found) return true;
     for (; skipped > 0 && open.newest() != OpenSides::kNone; --skipped) open.close(open.newest());
-    side = open.newest();
+    const uint32_t side = open.newest();
     if (side == OpenSides::kNone) return false;
     const uint32_t from = open[side].from, to = open[side].to;
     reached_by = symbol<2>(reached_by_[last_reached_by_], static_cast<uint32_t>(reached_by));
@@ -378,14 +376,16 @@ class BaseCode {
         const double own = std::ldexp(twist, -2 * static_cast<int>(k)),
                      least = std::bit_cast<float>(order->bits(finest));
         const bool first = k == kErrors - 1;
-        int32_t from = orderOf(*order, first || !ends ? own : own > least ? own + least : least);
-        if (near >= kFar) from = first ? from : finer;
+        const int32_t expected = orderOf(*order, !ends         ? own
+                                                 : own > least ? own + least
+                                                               : least),
+                      from = near >= kFar && !first ? finer : expected;
         word(at_.errors + sizeof(CoarseErrors) * p + 4 * k, [&](uint32_t v) {
           const int32_t step = limited(signedNumber(error_by_twist_[k][ends][near], order->of(v) - from));
           finer = std::clamp(from + step, -order->most(), order->most());
           return order->bits(finer);
         });
-        const int32_t off = std::abs(finer - orderOf(*order, first || !ends ? own : own > least ? own + least : least));
+        const int32_t off = std::abs(finer - expected);
         const int size = std::bit_width(static_cast<uint32_t>(off)) + order->spare;
         if (first) finest = finer, ends = finer > orderOf(*order, own) + 1;
         near = first && ends ? 0 : off <= 1 ? 0 : size <= 3 ? 1 : size <= 5 ? 2 : size <= 7 ? kFar : kFar + 1;

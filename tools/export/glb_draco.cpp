@@ -32,7 +32,7 @@ draco::PointAttribute& addAttribute(draco::Mesh& mesh, draco::GeometryAttribute:
   return *mesh.attribute(id);
 }
 
-Result<std::unique_ptr<draco::Mesh>> readMesh(OutputFile& file, const MeshFacts& facts, Ids& ids) {
+Result<std::unique_ptr<draco::Mesh>> meshIn(OutputFile& file, const MeshFacts& facts, Ids& ids) {
   const GlbLayout layout(facts);
   auto mesh = std::make_unique<draco::Mesh>();
   mesh->set_num_points(static_cast<uint32_t>(facts.vertices));
@@ -71,7 +71,7 @@ Result<std::unique_ptr<draco::Mesh>> readMesh(OutputFile& file, const MeshFacts&
 
 Result<DracoReport> compress(OutputFile& file, const MeshFacts& facts, int position_bits) {
   Ids ids;
-  auto mesh = readMesh(file, facts, ids);
+  auto mesh = meshIn(file, facts, ids);
   if (!mesh) return mesh.error();
   GlbDraco code;
   code.position = (*mesh)->attribute(ids.position)->unique_id();

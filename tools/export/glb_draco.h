@@ -1,7 +1,8 @@
 // glb_draco.h - a .glb with its mesh compressed by Draco (KHR_draco_mesh_compression): what the .glb format has written
 // is read back, encoded as a whole and written in its place. Positions are rounded to a grid of 2^bits a side over the
 // mesh's largest extent, normals to 2^10 directions a coordinate; colours stay as they are. Where the surface has edges
-// of more than two triangles, or vertices of several fans, Draco takes a vertex for each.
+// of more than two triangles, vertices of several fans, or neighbours that run against each other, Draco takes a vertex
+// for each.
 #pragma once
 
 #include <cstdint>

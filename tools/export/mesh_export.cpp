@@ -331,9 +331,9 @@ Result<void> checkMemory(const ExportGrid& grid, const MeshExportOptions& o, boo
                {}};
 }
 
-Result<void> checkDraco(const MeshFacts& facts, const MeshExportOptions& o) {
+Result<void> checkDraco(const MeshFormat& format, const MeshFacts& facts, const MeshExportOptions& o) {
   if (o.draco_bits == 0) return {};
-  if (!o.output.ends_with(".glb") && !o.output.ends_with(".GLB"))
+  if (!format.takesDraco())
     return Error{
         ErrorKind::kUsage, o.output, "only a .glb can be compressed by Draco", "leave out --draco, or name a .glb", {}};
   const uint64_t bytes = dracoBytes(facts);
@@ -346,7 +346,8 @@ Result<void> checkDraco(const MeshFacts& facts, const MeshExportOptions& o) {
                "allow more, or choose a coarser --level or an --error-mm",
                {}};
 }
-Result<void> compress(OutputFile& file, const MeshFacts& facts, const MeshExportOptions& o, MeshExportReport& report) {
+Result<void> compressIfAsked(OutputFile& file, const MeshFacts& facts, const MeshExportOptions& o,
+                             MeshExportReport& report) {
   if (o.draco_bits == 0) return {};
   auto done = compressGlb(file, facts, o.draco_bits);
   if (!done) return done.error();
@@ -382,13 +383,13 @@ Result<MeshExportReport> exportBase(const std::shared_ptr<const Package>& packag
   facts.vertices = static_cast<uint64_t>(std::count(used.begin(), used.end(), true));
   facts.about = aboutText(*package, nullptr, {});
   if (auto good = format.check(o.output, facts); !good) return good.error();
-  if (auto good = checkDraco(facts, o); !good) return good.error();
+  if (auto good = checkDraco(format, facts, o); !good) return good.error();
   auto file = OutputFile::create(o.output);
   if (!file) return file.error();
   if (auto done = writeBase(*file, base, format, facts); !done) return done.error();
   MeshExportReport report;
   report.vertices = facts.vertices;
-  if (auto done = compress(*file, facts, o, report); !done) return done.error();
+  if (auto done = compressIfAsked(*file, facts, o, report); !done) return done.error();
   const uint64_t bytes = file->size();
   if (auto done = file->commit(); !done) return done.error();
   report.faces = facts.faces;
@@ -413,7 +414,7 @@ Result<MeshExportReport> exportMesh(std::shared_ptr<const Package> package, cons
   if (!soup) facts.vertices = verticesAtMost(grid);
   if (auto good = (*format)->check(o.output, facts); !good) return good.error();
   if (auto good = checkMemory(grid, o, soup); !good) return good.error();
-  if (auto good = checkDraco(facts, o); !good) return good.error();
+  if (auto good = checkDraco(**format, facts, o); !good) return good.error();
   auto bound = grid.errorBound(o.interrupted);
   if (!bound) return bound.error();
   auto coarser = ExportGrid(package, std::max(*level - 1, 0)).errorBound(o.interrupted);
@@ -425,7 +426,7 @@ Result<MeshExportReport> exportMesh(std::shared_ptr<const Package> package, cons
   if (auto done = mesh.write(*file); !done) return done.error();
   MeshExportReport report;
   report.vertices = mesh.facts().vertices;
-  if (auto done = compress(*file, mesh.facts(), o, report); !done) return done.error();
+  if (auto done = compressIfAsked(*file, mesh.facts(), o, report); !done) return done.error();
   const uint64_t bytes = file->size();
   if (auto done = file->commit(); !done) return done.error();
   report.level = *level;

@@ -57,6 +57,8 @@ class MeshFormat {
   virtual bool quads() const = 0;
   // Triangles that name no vertices: triangle() instead of vertex() and face().
   virtual bool soup() const { return false; }
+  // Can Draco compress it (glb_draco.h)?
+  virtual bool takesDraco() const { return false; }
   // kUsage: what of it the format cannot hold.
   virtual Result<void> check(const std::string& path, const MeshFacts& facts) const;
   virtual ByteBuffer head(const MeshFacts& facts) const = 0;

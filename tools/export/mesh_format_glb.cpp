@@ -105,6 +105,7 @@ ByteBuffer headOf(const Json& document, uint64_t binary) {
 class GlbFormat final : public MeshFormat {
  public:
   bool quads() const override { return false; }
+  bool takesDraco() const override { return true; }
   Result<void> check(const std::string& path, const MeshFacts& f) const override {
     if (auto good = MeshFormat::check(path, f); !good) return good;
     const uint64_t bytes = kHeadBytes + vertexBytes(f) + indexBytes(f);
