@@ -247,6 +247,7 @@ Result<void> MeshBuild::read() {
   read_options.keep_units = true;
   read_options.workers = a_.package.workers;
   read_options.allow_outside = a_.allow_outside;
+  read_options.other_image = !a_.ptm.empty() || (!a_.texture.empty() && a_.texture != "none");
   auto loaded = stages_.run("read", read_options, [&] {
     auto mesh = readMesh(a_.mesh, read_options);
     if (mesh.ok()) mesh_file_.start();
@@ -328,7 +329,6 @@ FidelityTarget MeshBuild::target(double tolerance) const {
 
 Result<void> MeshBuild::bake(int cells_log2) {
   const TriMesh& scan = loaded_.mesh;
-  const Image8& image = textured_.image;
   BakeOptions bake_options;
   const double diagonal = diagonalOf(scan), asked = toleranceOf(a_, diagonal);
   const double most = asked > 0 ? asked : target().p99_9_mm;
@@ -352,10 +352,7 @@ Result<void> MeshBuild::bake(int cells_log2) {
   auto bake = stages_.run("bake", bake_options, [&]() -> Result<std::unique_ptr<MeshBake>> {
     Result<BakeScene>& scene = bake_scene_->get();
     if (!scene) return scene.error();
-    return MeshBake::create(
-        scan,
-        {image.width, image.height, image.pixels, std::max(image.channels, 3), !a_.ptm.empty(), scan.texture_repeats},
-        onLattice(inSequence(base_), baseStep()), bake_options, *scene);
+    return MeshBake::create(scan, textured_.images, onLattice(inSequence(base_), baseStep()), bake_options, *scene);
   });
   if (!bake) return bake.error();
   bake_ = std::move(*bake);
@@ -662,7 +659,7 @@ Error MeshBuild::missed(const std::string& what_was_done) const {
 
 Result<void> MeshBuild::pack() {
   std::vector<Provenance> sources{mesh_file_.get()};
-  if (textured_.source) sources.push_back(*textured_.source);
+  sources.insert(sources.end(), textured_.sources.begin(), textured_.sources.end());
   result_.package = a_.package.output;
   BakeReport baked = bake_->report();
   baked.tolerance_mm =

@@ -4,13 +4,16 @@
 #include <unistd.h>
 
 #include <algorithm>
+#include <array>
 #include <cerrno>
 #include <cstring>
+#include <filesystem>
 #include <utility>
 #include <vector>
 
 #include "geometry/scan/mesh_read.h"
 #include "src/base/progress.h"
+#include "src/base/srgb.h"
 #include "texturing/import/image_io.h"
 #include "texturing/import/ptm.h"
 #include "texturing/package/file_provenance.h"
@@ -21,7 +24,10 @@ namespace relievo {
 namespace {
 
 // Of its own, not those that name materials' colours.
-bool hasTextureCoordinates(const TriMesh& mesh) { return !mesh.corner_uv.empty() && mesh.palette.empty(); }
+bool hasTextureCoordinates(const TriMesh& mesh) {
+  return !mesh.corner_uv.empty() &&
+         std::none_of(mesh.images.begin(), mesh.images.end(), [](const MeshImage& i) { return !i.palette.empty(); });
+}
 
 // An image that lies inside the mesh's file, decoded by the reader of image files: from a file in memory, without a
 // name in any folder.
@@ -49,51 +55,171 @@ Result<Image8> readInnerImage(const MeshBuildArguments& a, const std::vector<uin
   return error;
 }
 
-// The image that the scan's texture coordinates belong to, as three channels.
-Result<Image8> readTexture(const MeshBuildArguments& a, const TriMesh& mesh) {
-  if (a.texture == "none") return Image8{};
-  if (!a.texture.empty() && !hasTextureCoordinates(mesh))
-    return Error{ErrorKind::kUsage,
-                 a.mesh,
-                 "--texture needs texture coordinates, found none in the mesh",
-                 "leave --texture out: colours of vertices or materials are used",
-                 {}};
-  const std::string path = a.texture.empty() ? mesh.texture_path : a.texture;
-  if (path.empty() && !mesh.palette.empty()) {
-    const size_t columns = std::min(mesh.palette.size(), kPaletteColumns), rows = mesh.palette.size() / columns;
-    Image8 colours{static_cast<int>(columns), static_cast<int>(rows), 3, {}};
-    for (const glm::u8vec3& c : mesh.palette) colours.pixels.insert(colours.pixels.end(), {c.r, c.g, c.b});
-    return colours;
-  }
-  const bool inner = path.empty() && !mesh.texture_bytes.empty();
-  if ((path.empty() && !inner) || mesh.corner_uv.empty()) return Image8{};
-  if (!inner && a.texture.empty() && !a.allow_outside)
-    if (auto beside = checkBesideMesh(a.mesh, path, "the image"); !beside) return beside.error();
-  auto image = inner ? readInnerImage(a, mesh.texture_bytes) : readImage8(path, a.images);
-  if (!image) {
-    Error error = image.error();
-    if (a.texture.empty())
-      error.hint = "the mesh shows it; --texture FILE names another, --texture none builds without";
-    return error;
-  }
-  if (image->channels == 2 || image->channels == 4) warn(alphaWarning(inner ? a.mesh : path));
-  if (image->channels == 3) return image;
-  Image8 rgb{image->width, image->height, 3, {}};
-  const size_t channels = static_cast<size_t>(image->channels), pixels = image->pixels.size() / channels;
-  rgb.pixels.resize(pixels * 3);
-  for (size_t i = 0; i < pixels; ++i)
-    for (size_t c = 0; c < 3; ++c) rgb.pixels[3 * i + c] = image->pixels[i * channels + (channels >= 3 ? c : 0)];
-  return rgb;
+Image8 paletteImage(const std::vector<glm::u8vec3>& palette) {
+  const size_t columns = std::min(palette.size(), kPaletteColumns), rows = palette.size() / columns;
+  Image8 image{static_cast<int>(columns), static_cast<int>(rows), 3, {}};
+  for (const glm::u8vec3& c : palette) image.pixels.insert(image.pixels.end(), {c.r, c.g, c.b});
+  return image;
 }
+
+void toThreeChannels(Image8& image) {
+  if (image.channels == 3) return;
+  const size_t channels = static_cast<size_t>(image.channels), pixels = image.pixels.size() / channels;
+  std::vector<uint8_t> rgb(pixels * 3);
+  for (size_t i = 0; i < pixels; ++i)
+    for (size_t c = 0; c < 3; ++c) rgb[3 * i + c] = image.pixels[i * channels + (channels >= 3 ? c : 0)];
+  image = {image.width, image.height, 3, std::move(rgb)};
+}
+
+void multiply(Image8& image, const glm::vec3& tint) {
+  if (tint == glm::vec3(1)) return;
+  std::array<std::array<uint8_t, 256>, 3> tinted;
+  for (size_t c = 0; c < 3; ++c)
+    for (size_t v = 0; v < 256; ++v) {
+      const double linear = linearFromSrgb(static_cast<double>(v) / 255) * tint[static_cast<int>(c)];
+      tinted[c][v] = static_cast<uint8_t>(std::clamp(255 * srgbFromLinear(std::max(linear, 0.0)) + 0.5, 0.0, 255.0));
+    }
+  for (size_t i = 0; i < image.pixels.size(); ++i) image.pixels[i] = tinted[i % 3][image.pixels[i]];
+}
+
+// Half the width and height, rounded up: four pixels' mean.
+void halve(Image8& image) {
+  Image8 half{(image.width + 1) / 2, (image.height + 1) / 2, image.channels, {}};
+  const auto channels = static_cast<size_t>(image.channels);
+  half.pixels.resize(static_cast<size_t>(half.width) * static_cast<size_t>(half.height) * channels);
+  uint8_t* out = half.pixels.data();
+  for (int y = 0; y < half.height; ++y)
+    for (int x = 0; x < half.width; ++x)
+      for (size_t c = 0; c < channels; ++c) {
+        unsigned sum = 2;
+        for (int k = 0; k < 4; ++k) {
+          const auto u = static_cast<size_t>(std::min(2 * x + k % 2, image.width - 1)),
+                     v = static_cast<size_t>(std::min(2 * y + k / 2, image.height - 1));
+          sum += image.pixels[(v * static_cast<size_t>(image.width) + u) * channels + c];
+        }
+        *out++ = static_cast<uint8_t>(sum / 4);
+      }
+  image = std::move(half);
+}
+
+// The images that the scan's texture coordinates belong to, as three channels.
+class TextureReader {
+ public:
+  TextureReader(const MeshBuildArguments& a, const TriMesh& mesh) : a_(a), mesh_(mesh) {}
+
+  Result<SurfaceImage> read() {
+    if (a_.texture == "none") return SurfaceImage{};
+    if (!a_.texture.empty()) {
+      if (!hasTextureCoordinates(mesh_))
+        return Error{ErrorKind::kUsage,
+                     a_.mesh,
+                     "--texture needs texture coordinates, found none in the mesh",
+                     "leave --texture out: colours of vertices or materials are used",
+                     {}};
+      auto image = readImage8(a_.texture, a_.images);
+      if (!image) return image.error();
+      add(std::move(*image), {.path = a_.texture, .repeats = mesh_.texture_repeats});
+    } else {
+      for (const MeshImage& image : mesh_.images) {
+        if (interruptedFlag()) return Error{ErrorKind::kInterrupted, a_.mesh, "interrupted", "", {}};
+        if (auto done = addOwn(image); !done) return done.error();
+      }
+    }
+    if (missing_ > 0 && read_ == 0) return first_missing_;
+    warnOfWhatIsLost();
+    for (size_t k = 0; k < out_.pixels.size(); ++k) {
+      out_.images[k].width = out_.pixels[k].width;
+      out_.images[k].height = out_.pixels[k].height;
+      out_.images[k].texels = out_.pixels[k].pixels;
+    }
+    return std::move(out_);
+  }
+
+ private:
+  Result<void> addOwn(const MeshImage& own) {
+    if (!own.palette.empty()) {
+      add(paletteImage(own.palette), own);
+      return {};
+    }
+    if (!own.bytes && !a_.allow_outside)
+      if (auto beside = checkBesideMesh(a_.mesh, own.path, "the image"); !beside) return beside;
+    auto image = own.bytes ? readInnerImage(a_, *own.bytes) : readImage8(own.path, a_.images);
+    if (image.ok()) {
+      ++read_;
+      add(std::move(*image), own);
+      return {};
+    }
+    Error error = image.error();
+    error.hint = "the mesh shows it; --texture FILE names another, --texture none builds without";
+    std::error_code unknown;
+    if (own.bytes || std::filesystem::exists(own.path, unknown)) return error;
+    if (++missing_ == 1) first_missing_ = error;
+    add(paletteImage({kMissing}), {.palette = {kMissing}});
+    return {};
+  }
+
+  // The limit holds for all together: each is made as much smaller as the others.
+  void add(Image8 image, const MeshImage& own) {
+    const bool palette = !own.palette.empty();
+    if (image.channels == 2 || image.channels == 4)
+      if (++with_alpha_ == 1) first_with_alpha_ = own.path.empty() ? a_.mesh : own.path;
+    toThreeChannels(image);
+    multiply(image, own.tint);
+    for (int k = 0; k < halvings_ && !palette; ++k) halve(image);
+    out_.images.push_back({.repeats = own.repeats, .palette = palette});
+    out_.pixels.push_back(std::move(image));
+    if (!own.path.empty()) out_.sources.push_back(FileProvenance(own.path, true).get());
+    const uint64_t most = std::max(a_.package.memory_budget_bytes / 3, a_.images.decodedLimit());
+    while (out_.images.size() > 1 && bytes() > most && halvings_ < kMostHalvings) {
+      ++halvings_;
+      for (size_t i = 0; i < out_.pixels.size(); ++i)
+        if (!out_.images[i].palette) halve(out_.pixels[i]);
+    }
+  }
+  uint64_t bytes() const {
+    uint64_t sum = 0;
+    for (const Image8& image : out_.pixels) sum += image.pixels.size();
+    return sum;
+  }
+
+  void warnOfWhatIsLost() const {
+    const auto further = [](size_t n) { return n > 1 ? " (and " + std::to_string(n - 1) + " more)" : std::string(); };
+    if (with_alpha_ > 0) warn(alphaWarning(first_with_alpha_ + further(with_alpha_)));
+    if (missing_ > 0)
+      warn(first_missing_.file + further(missing_) +
+           ": not found; what shows it is grey (--texture none builds without images)");
+    if (halvings_ > 0)
+      warn(a_.mesh + ": its " + std::to_string(read_) + " images are read at 1/" + std::to_string(1 << halvings_) +
+           " of their width and height; more --memory-mib keeps more of them");
+  }
+
+  static constexpr glm::u8vec3 kMissing{204, 204, 204};
+  static constexpr int kMostHalvings = 15;  // an image's side has fewer bits
+  const MeshBuildArguments& a_;
+  const TriMesh& mesh_;
+  SurfaceImage out_;
+  size_t read_ = 0, missing_ = 0, with_alpha_ = 0;
+  Error first_missing_;
+  std::string first_with_alpha_;
+  int halvings_ = 0;
+};
 
 // The coordinates belong to the image that the mesh names: a PTM of other proportions was taken otherwise.
 Result<void> checkProportions(const MeshBuildArguments& a, const TriMesh& mesh, int64_t width, int64_t height) {
-  if (a.texture == "none" || mesh.texture_path.empty()) return {};
+  if (a.texture == "none" || mesh.images.empty()) return {};
+  const std::string& path = mesh.images[0].path;
+  if (mesh.images.size() > 1)
+    return Error{ErrorKind::kInvalidData,
+                 a.ptm,
+                 "expected a mesh that shows one image, found " + std::to_string(mesh.images.size()),
+                 "--texture none: the texture coordinates are the PTM's all the same",
+                 {}};
+  if (path.empty()) return {};
   if (!a.allow_outside)
-    if (auto beside = checkBesideMesh(a.mesh, mesh.texture_path, "the image"); !beside) return beside;
+    if (auto beside = checkBesideMesh(a.mesh, path, "the image"); !beside) return beside;
   ImageReadOptions as_stored = a.images;
   as_stored.orient = false;
-  auto named = openColourImage(mesh.texture_path, as_stored);
+  auto named = openColourImage(path, as_stored);
   if (!named) return {};
   const double ratio = static_cast<double>(width) / static_cast<double>(height) *
                        static_cast<double>((*named)->height()) / static_cast<double>((*named)->width());
@@ -101,7 +227,7 @@ Result<void> checkProportions(const MeshBuildArguments& a, const TriMesh& mesh, 
   auto size = [](int64_t w, int64_t h) { return std::to_string(w) + " x " + std::to_string(h); };
   return Error{ErrorKind::kInvalidData,
                a.ptm,
-               "expected the proportions of the mesh's image " + mesh.texture_path + ", " +
+               "expected the proportions of the mesh's image " + path + ", " +
                    size((*named)->width(), (*named)->height()) + ", found " + size(width, height),
                "--texture none: the texture coordinates are the PTM's all the same",
                {}};
@@ -117,7 +243,7 @@ Result<SurfaceImage> readPtmPlanes(const MeshBuildArguments& a, const TriMesh& m
   auto opened = openPtm(a.ptm, {.memory_budget_bytes = a.package.memory_budget_bytes});
   if (!opened) return opened.error();
   const TextureSource& ptm = **opened;
-  SurfaceImage out{{}, ptm.format(), ptm.provenance()};
+  SurfaceImage out{{}, {}, ptm.format(), {ptm.provenance()}};
   const int channels = out.format.channels();
   if (auto fits = checkProportions(a, mesh, ptm.width(), ptm.height()); !fits) return fits.error();
   // With its coarser levels.
@@ -129,9 +255,9 @@ Result<SurfaceImage> readPtmPlanes(const MeshBuildArguments& a, const TriMesh& m
                      " MiB of memory, expected at most " + std::to_string(a.package.memory_budget_bytes >> 20),
                  "--memory-mib allows more",
                  {}};
-  out.image = {static_cast<int>(ptm.width()), static_cast<int>(ptm.height()), channels, {}};
+  Image8 image{static_cast<int>(ptm.width()), static_cast<int>(ptm.height()), channels, {}};
   const auto width = static_cast<size_t>(ptm.width()), planes = static_cast<size_t>(channels);
-  out.image.pixels.resize(width * static_cast<size_t>(ptm.height()) * planes);
+  image.pixels.resize(width * static_cast<size_t>(ptm.height()) * planes);
   constexpr int64_t kRows = 64;
   std::vector<uint8_t> band;
   for (int64_t y = 0; y < ptm.height(); y += kRows) {
@@ -140,25 +266,21 @@ Result<SurfaceImage> readPtmPlanes(const MeshBuildArguments& a, const TriMesh& m
     const size_t texels = width * static_cast<size_t>(rect.height);
     band.resize(texels * planes);
     if (auto read = ptm.read(rect, band); !read) return read.error();
-    uint8_t* to = out.image.pixels.data() + static_cast<size_t>(y) * width * planes;
+    uint8_t* to = image.pixels.data() + static_cast<size_t>(y) * width * planes;
     for (size_t c = 0; c < planes; ++c)
       for (size_t i = 0; i < texels; ++i) to[i * planes + c] = band[c * texels + i];
   }
+  out.pixels.push_back(std::move(image));
+  const Image8& kept = out.pixels[0];
+  out.images.push_back(
+      {kept.width, kept.height, kept.pixels, channels, /*planes=*/true, /*repeats=*/mesh.texture_repeats});
   return out;
 }
 
 }  // namespace
 
 Result<SurfaceImage> readSurfaceImage(const MeshBuildArguments& a, const TriMesh& mesh) {
-  if (!a.ptm.empty()) return readPtmPlanes(a, mesh);
-  auto image = readTexture(a, mesh);
-  if (!image) return image.error();
-  SurfaceImage out;
-  out.image = std::move(*image);
-  const bool inner = a.texture.empty() && mesh.texture_path.empty();  // in the mesh's own file, or of its colours
-  if (out.image.width > 0 && !inner)
-    out.source = FileProvenance(a.texture.empty() ? mesh.texture_path : a.texture, true).get();
-  return out;
+  return a.ptm.empty() ? TextureReader(a, mesh).read() : readPtmPlanes(a, mesh);
 }
 
 }  // namespace relievo

@@ -1,8 +1,9 @@
-// surface_image.h - what lies on a scan's patches: the colours of an image, or a PTM's planes, read whole.
+// surface_image.h - what lies on a scan's patches: the colours of its images, or a PTM's planes, read whole.
 #pragma once
 
-#include <optional>
+#include <vector>
 
+#include "geometry/bake/mesh_bake.h"
 #include "geometry/mesh/tri_mesh.h"
 #include "src/artwork/basis.h"
 #include "src/base/result.h"
@@ -13,11 +14,14 @@
 namespace relievo {
 
 struct SurfaceImage {
-  Image8 image;  // channels interleaved: three, or a PTM's planes; empty: the scan has no image
+  std::vector<MeshBake::Image> images;  // of `pixels`: as TriMesh::image_of names them, or one for all; or none
+  std::vector<Image8> pixels;           // three channels, or a PTM's planes
   TextureFormat format{.basis = Basis::kAlbedoNormal};
-  std::optional<Provenance> source;  // of a file of its own
+  std::vector<Provenance> sources;  // files of their own
 };
-// The PTM that is asked for, else the image that is asked for or that the mesh names, else its palette.
+// The PTM that is asked for, else the image that is asked for (the mesh is read for either as MeshReadOptions::
+// other_image says), else those of the mesh. One of several that is not there is replaced by a plain grey, with a
+// warning. Images that take more than a third of the memory together are made smaller, with a warning.
 // Errors: kUsage (no texture coordinates, or more than the memory allows), kInvalidData (a PTM of other proportions
 // than the mesh's image), and those of the readers.
 Result<SurfaceImage> readSurfaceImage(const MeshBuildArguments& arguments, const TriMesh& mesh);

@@ -104,7 +104,7 @@ struct TexelBaker {
   void sampleInside(const PatchLines& lines, const SampleGrid& grid, const std::array<size_t, 4>& tile,
                     LineBatch& batch, SampleBand& band) const;
   // Bakes the texels of those cells of the rows [first, end) each by itself that a crease crosses, or the border
-  // between two colours of a palette.
+  // between two plain colours.
   bool sharpenCells(const PatchLines& lines, const SampleGrid& grid, const SampleBand& samples, size_t first,
                     size_t end, std::span<uint8_t> out) const;
   SurfacePoint pointOf(const LineBatch& batch, size_t line) const;
@@ -137,7 +137,8 @@ glm::vec2 TexelBaker::textureCoordinatesAt(const SurfacePoint& at) const {
 bool TexelBaker::bakePlanes(const PatchLines& lines, std::span<uint8_t> out) const {
   const uint32_t patch = lines.patch();
   const size_t side = size_t{kPagePx} << texture.of_patch[patch].depth;
-  const auto channels = static_cast<size_t>(texture.image.channels());
+  const MipImage& image = texture.images[0].texels;
+  const auto channels = static_cast<size_t>(image.channels());
   const auto& c = context.base.patches[patch];
   double perimeter_mm = 0;
   for (const auto& [a, b] : kSideCorners)
@@ -164,11 +165,10 @@ bool TexelBaker::bakePlanes(const PatchLines& lines, std::span<uint8_t> out) con
       const glm::vec3 &p = context.mesh->positions_mm[t[0]], e = context.mesh->positions_mm[t[1]] - p,
                       g = context.mesh->positions_mm[t[2]] - p;
       const glm::vec2 i = uv[1] - uv[0], j = uv[2] - uv[0];
-      const double image_area =
-                       std::abs(double{i.x} * j.y - double{i.y} * j.x) * texture.image.width() * texture.image.height(),
+      const double image_area = std::abs(double{i.x} * j.y - double{i.y} * j.x) * image.width() * image.height(),
                    area = glm::length(glm::cross(e, g));
       const double lod = area > 0 ? 0.5 * std::log2(texel_mm * texel_mm * image_area / area) : 0.0;
-      texture.image.sample(textureCoordinatesAt(at), static_cast<float>(lod), values);
+      image.sample(textureCoordinatesAt(at), static_cast<float>(lod), values);
       for (size_t k = 0; k < channels; ++k)
         out[(k * side + y) * side + x] = static_cast<uint8_t>(std::clamp(values[k] + 0.5f, 0.0f, 255.0f));
     }
@@ -181,8 +181,8 @@ ColourNormal TexelBaker::colourNormalAt(const SurfacePoint& at) const {
   const std::array<float, 3> w{static_cast<float>(1 - at.b1 - at.b2), static_cast<float>(at.b1),
                                static_cast<float>(at.b2)};
   ColourNormal out{kGrey, kGrey, kGrey, 0, 0, 0};
-  if (!texture.image.empty()) {
-    texture.image.sample(textureCoordinatesAt(at), 0, out);
+  if (const BakeTexture::Image* image = texture.imageOf(*context.mesh, at.triangle)) {
+    image->texels.sample(textureCoordinatesAt(at), 0, out);
   } else if (!context.mesh->colours.empty()) {
     for (size_t c = 0; c < 3; ++c) {
       out[c] = 0;
@@ -329,7 +329,7 @@ RELIEVO_SIMD_CLONES void quantiseRow(size_t side, size_t y, size_t first, float*
   }
 }
 
-// Do a cell's corners have different colours of a palette?
+// Do a cell's corners have different colours?
 bool isColoured(const SampleBand& samples, size_t x, size_t y) {
   constexpr float kRounding = 0.5f;  // of what is interpolated between three times the same texel
   const ColourNormal& first = samples.row(y)[x];
@@ -358,6 +358,7 @@ bool isCreased(const SampleBand& samples, size_t x, size_t y) {
 
 bool TexelBaker::sharpenCells(const PatchLines& lines, const SampleGrid& grid, const SampleBand& samples, size_t first,
                               size_t end, std::span<uint8_t> out) const {
+  const bool plain = texture.of_patch[lines.patch()].plain;
   const size_t run = grid.side / grid.cells, tile = std::max<size_t>(1, context.tileSize() / run);
   const auto side = static_cast<double>(grid.side), cells = static_cast<double>(grid.cells);
   auto texelCentre = [&](size_t x) { return (static_cast<double>(x) + 0.5) / side; };
@@ -370,7 +371,7 @@ bool TexelBaker::sharpenCells(const PatchLines& lines, const SampleGrid& grid, c
       texels.clear();
       for (size_t y = y0; y < y1; ++y)
         for (size_t x = x0; x < x1; ++x)
-          if (isCreased(samples, x, y) || (texture.palette && isColoured(samples, x, y)))
+          if (isCreased(samples, x, y) || (plain && isColoured(samples, x, y)))
             for (size_t i = 0; i < run * run; ++i) texels.push_back({x * run + i % run, y * run + i / run});
       if (texels.empty()) continue;
       context.beginBatch(batch, lines.patch(), static_cast<double>(x0) / cells, static_cast<double>(y0) / cells,
@@ -401,11 +402,11 @@ bool bakeTexels(const BakeContext& context, const BakedHeights& baked, const Bak
   if (texture.planes) return baker.bakePlanes(lines, out);
   const SampleGrid grid(texture.of_patch[patch]);
   std::vector<float> row_samples(grid.row * (kTexelChannels + 1)), values(grid.side * kTexelChannels);
-  const bool coloured = !texture.image.empty() || !context.mesh->colours.empty();
+  const bool coloured = !texture.images.empty() || !context.mesh->colours.empty();
   const size_t first = coloured ? 0 : kFirstOfNormal;
   std::fill_n(out.begin(), first * grid.side * grid.side, kGrey);
   // Interpolation blurs a crease, or a border of colours, over a cell.
-  const bool sharpen = !grid.per_texel && (context.normals->hasCreases() || texture.palette);
+  const bool sharpen = !grid.per_texel && (context.normals->hasCreases() || texture.of_patch[patch].plain);
   size_t y = 0, sharpened = 0;  // rows of texels, of cells
   bool whole = true;
   const bool sampled = baker.sampleSurface(lines, grid, [&](const SampleBand& samples) {

@@ -15,13 +15,23 @@ namespace relievo {
 struct PatchResolution {
   int depth = 0;
   int sample_grid_log2 = 0;  // colours and normals are sampled on a grid of 2^this cells and interpolated, but for
-                             // cells that a crease or the border of a palette's colours crosses; at least the texels:
-                             // at each texel
+                             // cells that a crease or a border of plain colours crosses; at least the texels: at each
+                             // texel
+  bool plain = false;        // its colours are those of whole triangles, not of an image
 };
 struct BakeTexture {
-  MipImage image;
-  bool planes = false;   // the image's channels become the texture, in place of colour and normal
-  bool palette = false;  // of colours that whole triangles have
+  struct Image {
+    MipImage texels;
+    bool palette = false;  // of colours that whole triangles have
+  };
+  std::vector<Image> images;  // that TriMesh::image_of names
+  bool planes = false;        // the channels of the one image become the texture, in place of colour and normal
+  // The image that a triangle shows, or nullptr.
+  const Image* imageOf(const TriMesh& mesh, uint32_t triangle) const {
+    if (images.empty()) return nullptr;
+    const uint16_t image = mesh.image_of.empty() ? uint16_t{0} : mesh.image_of[triangle];
+    return image == kNoImage ? nullptr : &images[image];
+  }
   // texture_resolution.h
   int depth = 0;                          // the largest of all patches
   std::vector<PatchResolution> of_patch;  // one for each

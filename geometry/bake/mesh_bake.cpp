@@ -41,7 +41,7 @@ namespace {
 
 Error interruptedError() { return {ErrorKind::kInterrupted, "", "interrupted", ""}; }
 
-Result<void> validate(const TriMesh& mesh, const MeshBake::Image& image, const BaseMesh& base,
+Result<void> validate(const TriMesh& mesh, std::span<const MeshBake::Image> images, const BaseMesh& base,
                       const BakeOptions& options) {
   auto usage = [](std::string what) { return Error{ErrorKind::kUsage, "", std::move(what), ""}; };
   if (options.cells_log2 != -1 && (options.cells_log2 < 1 || options.cells_log2 > kMaxCellsLog2))
@@ -52,22 +52,30 @@ Result<void> validate(const TriMesh& mesh, const MeshBake::Image& image, const B
   if (!(options.tolerance_mm >= 0) || !std::isfinite(options.tolerance_mm))
     return usage("the tolerance is not a distance in mm");
   if (mesh.triangles.empty()) return Error{ErrorKind::kInvalidData, "", "the mesh has no triangle", ""};
-  if (image.planes && mesh.corner_uv.empty()) return usage("the mesh has no texture coordinates for the planes");
-  if (!image.planes && !image.texels.empty() && image.channels != 3)
-    return usage("an image of colours has three channels");
+  for (const MeshBake::Image& image : images) {
+    if (image.texels.empty()) return usage("an image has no texels");
+    if (image.planes && mesh.corner_uv.empty()) return usage("the mesh has no texture coordinates for the planes");
+    if (image.planes && images.size() > 1) return usage("there are planes beside other images");
+    if (!image.planes && image.channels != 3) return usage("an image of colours has three channels");
+  }
+  for (const uint16_t image : mesh.image_of)
+    if (!images.empty() && image != kNoImage && image >= images.size())
+      return usage("a triangle shows image " + std::to_string(image) + ", there are " + std::to_string(images.size()));
   if (auto problem = baseMeshProblem(base); !problem.empty())
     return Error{ErrorKind::kInvalidData, "", "base mesh: " + problem, ""};
   return {};
 }
 
-// The texture: the image if the mesh has texture coordinates for it.
-BakeTexture textureOf(const TriMesh& mesh, const MeshBake::Image& image) {
+// The texture: the images if the mesh has texture coordinates for them.
+BakeTexture textureOf(const TriMesh& mesh, std::span<const MeshBake::Image> images) {
   BakeTexture texture;
-  if (image.texels.empty() || mesh.corner_uv.empty()) return texture;
-  texture.palette = !mesh.palette.empty();
-  texture.planes = image.planes;
-  texture.image =
-      MipImage(image.width, image.height, image.channels, image.texels, image.planes ? 16 : 0, image.repeats);
+  if (mesh.corner_uv.empty()) return texture;
+  for (const MeshBake::Image& image : images) {
+    texture.planes = image.planes;
+    texture.images.push_back(
+        {MipImage(image.width, image.height, image.channels, image.texels, image.planes ? 16 : 0, image.repeats),
+         image.palette});
+  }
   return texture;
 }
 
@@ -158,8 +166,9 @@ double MeshBake::reliefOffsetMm() const { return impl_->baked.offset_mm; }
 double MeshBake::reliefScaleMm() const { return impl_->baked.scale_mm; }
 double MeshBake::errorUnitMm() const { return impl_->error_unit_mm; }
 
-Result<std::unique_ptr<MeshBake>> MeshBake::create(const TriMesh& mesh, const Image& image, const BaseMesh& base,
-                                                   const BakeOptions& requested, BakeScene scene) {
+Result<std::unique_ptr<MeshBake>> MeshBake::create(const TriMesh& mesh, std::span<const Image> images,
+                                                   const BaseMesh& base, const BakeOptions& requested,
+                                                   BakeScene scene) {
   const auto started = std::chrono::steady_clock::now();
   BakeOptions options = requested;
   if (requested.progress) {  // progress must not run backwards when several grids are tried
@@ -170,13 +179,13 @@ Result<std::unique_ptr<MeshBake>> MeshBake::create(const TriMesh& mesh, const Im
   auto progress = [&](double done) {
     if (options.progress) options.progress(done);
   };
-  if (auto sound = validate(mesh, image, base, options); !sound) return sound.error();
+  if (auto sound = validate(mesh, images, base, options); !sound) return sound.error();
   auto impl = std::make_unique<Impl>(mesh, base);
   impl->context.workers = options.workers;
   impl->context.interrupted = options.interrupted;
   impl->context.touching = options.touching;
   impl->context.touch_mm = options.touch_mm;
-  impl->texture = textureOf(mesh, image);
+  impl->texture = textureOf(mesh, images);
   if (!scene.rays) {
     auto made = makeBakeScene(mesh, {.workers = options.workers, .interrupted = options.interrupted});
     if (!made) return made.error();

@@ -105,20 +105,22 @@ Result<BakeScene> makeBakeScene(const TriMesh& mesh, const BakeSceneOptions& opt
 
 class MeshBake {
  public:
-  // The image that the mesh's texture coordinates refer to, or empty. Rows top first, channels interleaved. Without
-  // `planes` it is sRGB. With `planes` its channels are data (a PTM's coefficients and colour) and become the texture,
-  // in place of colour and normal.
+  // What the mesh's texture coordinates refer to. Rows top first, channels interleaved. Without `planes` it is sRGB.
+  // With `planes` its channels are data (a PTM's coefficients and colour) and become the texture, in place of colour
+  // and normal: then there is one image.
   struct Image {
     int width = 0, height = 0;
     std::span<const uint8_t> texels;
     int channels = 3;
     bool planes = false;
     bool repeats = false;  // texture coordinates outside of [0, 1] repeat the image
+    bool palette = false;  // whole triangles have one of its colours each
   };
-  // The mesh and the image's bytes are used in place: they must outlive the bake unchanged. scene: made from the mesh,
-  // or empty.
-  static Result<std::unique_ptr<MeshBake>> create(const TriMesh& mesh, const Image& image, const BaseMesh& base,
-                                                  const BakeOptions& options, BakeScene scene = {});
+  // images: those that TriMesh::image_of names, or none. The mesh and the images' bytes are used in place: they must
+  // outlive the bake unchanged. scene: made from the mesh, or empty.
+  static Result<std::unique_ptr<MeshBake>> create(const TriMesh& mesh, std::span<const Image> images,
+                                                  const BaseMesh& base, const BakeOptions& options,
+                                                  BakeScene scene = {});
   ~MeshBake();
 
   const BaseMesh& base() const;

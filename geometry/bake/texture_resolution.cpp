@@ -18,23 +18,28 @@ constexpr uint64_t kMostTexels = uint64_t{64} << 20;  // of all patches, where c
 constexpr uint64_t kMostImageTexels = uint64_t{128} << 20;
 constexpr int kMostDepth = 5;  // a patch's texels are held in memory
 
-// How many of the image's texels lie across a patch, along u or v, whichever are more: at most places, and at the
+// How many of the images' texels lie across a patch, along u or v, whichever are more: at most places, and at the
 // densest one; and how many lie on it.
 struct TexelsAcross {
   double most = 0, densest = 0, on_patch = 0;
+  bool shown = false;  // some place shows an image
 };
-TexelsAcross imageTexelsAcross(const BakeContext& context, const MipImage& image, uint32_t patch) {
+TexelsAcross imageTexelsAcross(const BakeContext& context, const BakeTexture& texture, uint32_t patch) {
   constexpr size_t kPlaces = 5;  // a side
   constexpr double kMost = 0.9;  // few triangles, such as those beside an atlas's seam, may be stretched by far
   std::array<glm::dvec3, 4> p;
   for (size_t k = 0; k < 4; ++k) p[k] = context.cornerPoint(context.base.patches[patch][k]).position;
-  const glm::dvec2 size(image.width(), image.height());
   std::array<double, kPlaces * kPlaces> across{};
   double on_patch = 0;
+  bool shown = false;
   for (size_t i = 0; i < across.size(); ++i) {
     const double u = (static_cast<double>(i % kPlaces) + 0.5) / kPlaces,
                  v = (static_cast<double>(i / kPlaces) + 0.5) / kPlaces;
     const SurfacePoint at = context.scene->closestPoint(context.patchPoint(patch, u, v).position);
+    const BakeTexture::Image* image = texture.imageOf(*context.mesh, at.triangle);
+    if (!image || image->palette) continue;
+    shown = true;
+    const glm::dvec2 size(image->texels.width(), image->texels.height());
     const TriangleCorners t = cornersOf(*context.mesh, at.triangle);
     const auto& uv = context.mesh->corner_uv[at.triangle];
     const glm::dvec3 e = t.b - t.a, g = t.c - t.a;
@@ -51,7 +56,7 @@ TexelsAcross imageTexelsAcross(const BakeContext& context, const MipImage& image
     on_patch += std::abs(along_u.x * along_v.y - along_u.y * along_v.x) / static_cast<double>(across.size());
   }
   std::sort(across.begin(), across.end());
-  return {across[static_cast<size_t>(kMost * across.size())], across.back(), on_patch};
+  return {across[static_cast<size_t>(kMost * across.size())], across.back(), on_patch, shown};
 }
 
 int log2Above(double value) { return value > 1 ? static_cast<int>(std::ceil(std::log2(std::min(value, 0x1p30)))) : 0; }
@@ -81,29 +86,33 @@ int deepestOf(const std::vector<PatchResolution>& of_patch, uint64_t most_texels
 bool chooseTextureResolution(const BakeContext& context, int requested_depth, BakeTexture& texture) {
   const double vertices = static_cast<double>(context.mesh->positions_mm.size()),
                patches = static_cast<double>(context.layout.patches);
+  const auto is_palette = [](const BakeTexture::Image& image) { return image.palette; };
+  const bool has_palette = std::any_of(texture.images.begin(), texture.images.end(), is_palette),
+             has_image = !std::all_of(texture.images.begin(), texture.images.end(), is_palette);
   // Vertex colours are linear over the scan's triangles, so that a grid somewhat finer than these captures them. If it
   // is hardly finer, creases show; half a million samples take a quarter of a second.
   double grid_points = std::max(2 * vertices, std::min(16 * vertices, 524'288.0));
-  if (texture.palette) grid_points *= 4;  // no cell's corners show a triangle that lies between them
+  if (has_palette) grid_points *= 4;  // no cell's corners show a triangle that lies between them
   int grid_log2 = 1;
   while (grid_log2 < kPageCellsLog2 + kMostDepth && std::ldexp(patches, 2 * grid_log2) < grid_points) ++grid_log2;
-  texture.of_patch.assign(context.layout.patches, {std::max(requested_depth, 0), grid_log2});
-  texture.depth = std::max(requested_depth, 0);
-  if (!texture.image.empty() && !texture.palette) {
+  int depth = std::max(requested_depth, 0);
+  if (requested_depth < 0) {
+    // Texels are twice as dense along u and v as what they are sampled from.
+    auto texels = [&](int of_depth) { return std::ldexp(patches, 2 * (kPageCellsLog2 + of_depth)); };
+    while (texels(depth) < 4 * vertices && texels(depth + 1) < static_cast<double>(kMostTexels)) ++depth;
+  }
+  texture.of_patch.assign(context.layout.patches, {depth, grid_log2, has_palette && !has_image});
+  texture.depth = depth;
+  if (has_image) {
     const bool whole = parallelFor(context.layout.patches, context.workers, context.interrupted, [&](size_t p) {
-      const TexelsAcross across = imageTexelsAcross(context, texture.image, static_cast<uint32_t>(p));
+      const TexelsAcross across = imageTexelsAcross(context, texture, static_cast<uint32_t>(p));
       PatchResolution& r = texture.of_patch[p];
-      if (requested_depth < 0) r.depth = depthFor(across);
+      r.plain = has_palette && !across.shown;
+      if (requested_depth < 0 && across.shown) r.depth = depthFor(across);
       r.sample_grid_log2 = std::max(grid_log2, log2Above(2 * across.densest));
     });
     if (!whole) return false;
     if (requested_depth < 0) texture.depth = deepestOf(texture.of_patch, kMostImageTexels);
-  } else if (requested_depth < 0) {
-    // Texels are twice as dense along u and v as what they are sampled from.
-    auto texels = [&](int depth) { return std::ldexp(patches, 2 * (kPageCellsLog2 + depth)); };
-    while (texels(texture.depth) < 4 * vertices && texels(texture.depth + 1) < static_cast<double>(kMostTexels))
-      ++texture.depth;
-    for (PatchResolution& r : texture.of_patch) r.depth = texture.depth;
   }
   for (PatchResolution& r : texture.of_patch) {
     r.depth = std::min(r.depth, texture.depth);

@@ -13,6 +13,12 @@ std::string triMeshProblem(const TriMesh& mesh) {
     return "colours of " + std::to_string(mesh.colours.size()) + " vertices";
   if (!mesh.corner_uv.empty() && mesh.corner_uv.size() != triangles)
     return "texture coordinates of " + std::to_string(mesh.corner_uv.size()) + " triangles";
+  if (!mesh.image_of.empty() && mesh.image_of.size() != triangles)
+    return "images of " + std::to_string(mesh.image_of.size()) + " triangles";
+  for (size_t t = 0; t < mesh.image_of.size(); ++t)
+    if (const uint16_t image = mesh.image_of[t]; image != kNoImage && image >= mesh.images.size())
+      return "triangle " + std::to_string(t) + " names image " + std::to_string(image);
+  if (!mesh.images.empty() && mesh.corner_uv.empty()) return "images without texture coordinates";
   for (int c = 0; c < 3; ++c)
     if (!std::isfinite(mesh.origin_mm[c])) return "an origin that is not finite";
   for (size_t v = 0; v < vertices; ++v)

@@ -47,13 +47,12 @@ struct RawMesh {
   std::vector<glm::u8vec3> colours;                // a position; or empty
   std::vector<glm::vec3> float_colours;  // instead, where the file's are not bytes: 0..1, or 0..255 if any is above 1
   std::vector<std::array<glm::vec2, 3>> corner_uv;  // a triangle; or empty
-  std::vector<glm::u8vec3> face_colours;            // a triangle; or empty: they become palette and corner_uv
-  std::string texture_path;
-  std::vector<uint8_t> texture_bytes;    // see tri_mesh.h
-  std::vector<glm::u8vec3> palette;      // see tri_mesh.h
-  bool texture_repeats = false;          // beyond 0..1, as the format has it
-  std::vector<std::string> named_files;  // images and material files, as the file names them
-  uint64_t vertices_read = 0;            // as the file counts
+  std::vector<glm::u8vec3> face_colours;            // a triangle; or empty: where there is no image, they become one
+  std::vector<MeshImage> images;                    // see tri_mesh.h
+  std::vector<uint16_t> image_of;                   // see tri_mesh.h
+  bool texture_repeats = false;                     // beyond 0..1, as the format has it, where no image says otherwise
+  std::vector<std::string> named_files;             // images and material files, as the file names them
+  uint64_t vertices_read = 0;                       // as the file counts
   std::vector<MeshFinding> findings;
   std::string unit;  // that the file states: mm, cm, m or in; or empty
 };

@@ -6,6 +6,7 @@
 #include <filesystem>
 
 #include "geometry/scan/mesh_file.h"
+#include "geometry/scan/mesh_materials.h"
 #include "geometry/scan/mesh_repair.h"
 #include "src/artwork/axis_rotation.h"
 
@@ -71,33 +72,6 @@ std::vector<glm::u8vec3> bytesOf(const std::vector<glm::vec3>& colours) {
   return out;
 }
 
-// Colours of faces as an image of colours, and texture coordinates that name its texels. Of more than kPaletteColumns
-// colours the image has several rows.
-void paintFaces(RawMesh& raw) {
-  raw.face_colours.resize(raw.triangles.size(), kPlainColour);
-  auto numberOf = [](const glm::u8vec3& c) { return uint32_t{c.r} << 16 | uint32_t{c.g} << 8 | c.b; };
-  std::vector<uint32_t> colours;
-  colours.reserve(raw.face_colours.size());
-  for (const glm::u8vec3& c : raw.face_colours) colours.push_back(numberOf(c));
-  std::sort(colours.begin(), colours.end());
-  colours.erase(std::unique(colours.begin(), colours.end()), colours.end());
-  const size_t columns = std::min(colours.size(), kPaletteColumns),
-               rows = (colours.size() + kPaletteColumns - 1) / kPaletteColumns;
-  raw.palette.clear();
-  for (const uint32_t c : colours)
-    raw.palette.emplace_back(static_cast<uint8_t>(c >> 16), static_cast<uint8_t>(c >> 8), static_cast<uint8_t>(c));
-  raw.palette.resize(columns * rows, glm::u8vec3(0));
-  raw.corner_uv.resize(raw.triangles.size());
-  for (size_t t = 0; t < raw.triangles.size(); ++t) {
-    const auto at = static_cast<size_t>(
-        std::lower_bound(colours.begin(), colours.end(), numberOf(raw.face_colours[t])) - colours.begin());
-    const double u = (static_cast<double>(at % kPaletteColumns) + 0.5) / static_cast<double>(columns),
-                 v = 1 - (static_cast<double>(at / kPaletteColumns) + 0.5) / static_cast<double>(rows);
-    raw.corner_uv[t].fill(glm::vec2(u, v));
-  }
-  std::vector<glm::u8vec3>().swap(raw.face_colours);
-}
-
 Result<LoadedMesh> finish(RawMesh raw, const std::string& name, const MeshReadOptions& options) {
   LoadedMesh out;
   out.diagnosis.findings = std::move(raw.findings);
@@ -141,12 +115,19 @@ Result<LoadedMesh> finish(RawMesh raw, const std::string& name, const MeshReadOp
   std::vector<glm::vec3>().swap(raw.float_colours);
   mesh.corner_uv = std::move(raw.corner_uv);
   if (!mesh.corner_uv.empty()) mesh.corner_uv.resize(mesh.triangles.size());
+  mesh.images = std::move(raw.images);
+  mesh.image_of = std::move(raw.image_of);
   mesh.texture_repeats = raw.texture_repeats;
-  mesh.palette = std::move(raw.palette);
-  MeshFinding outside{"triangles with texture coordinates outside the image",
-                      0,
-                      {},
-                      mesh.texture_repeats ? "the image is repeated" : "the image's border goes on"};
+  std::array<MeshFinding, 2> outside;  // of images that do not repeat, and of those that do
+  for (size_t repeats = 0; repeats < 2; ++repeats)
+    outside[repeats] = {"triangles with texture coordinates outside the image",
+                        0,
+                        {},
+                        repeats ? "the image is repeated" : "the image's border goes on"};
+  const auto repeats = [&](size_t t) {
+    if (mesh.images.empty() || options.other_image) return mesh.texture_repeats;
+    return mesh.images[mesh.image_of.empty() ? 0 : mesh.image_of[t]].repeats;
+  };
   for (size_t t = 0; t < mesh.corner_uv.size(); ++t) {
     bool out_of = false;
     for (const glm::vec2& uv : mesh.corner_uv[t]) {
@@ -156,17 +137,12 @@ Result<LoadedMesh> finish(RawMesh raw, const std::string& name, const MeshReadOp
                                  numberText(uv.y));
       out_of = out_of || std::abs(uv.x - 0.5f) > 0.5f + kOutsideImage || std::abs(uv.y - 0.5f) > 0.5f + kOutsideImage;
     }
-    if (out_of && ++outside.count <= kMaxPlaces)
-      outside.places_mm.push_back(mesh.origin_mm + glm::dvec3(mesh.positions_mm[mesh.triangles[t][0]]));
+    if (!out_of || (!mesh.image_of.empty() && mesh.image_of[t] == kNoImage)) continue;
+    if (MeshFinding& finding = outside[repeats(t)]; ++finding.count <= kMaxPlaces)
+      finding.places_mm.push_back(mesh.origin_mm + glm::dvec3(mesh.positions_mm[mesh.triangles[t][0]]));
   }
-  if (outside.count > 0) out.diagnosis.findings.push_back(std::move(outside));
-  mesh.texture_path = std::move(raw.texture_path);
-  mesh.texture_bytes = std::move(raw.texture_bytes);
-  if (mesh.corner_uv.empty() && !mesh.texture_path.empty()) {
-    out.diagnosis.findings.push_back(
-        {"images without texture coordinates (" + mesh.texture_path + ")", 1, {}, "not used"});
-    mesh.texture_path.clear();
-  }
+  for (MeshFinding& finding : outside)
+    if (finding.count > 0) out.diagnosis.findings.push_back(std::move(finding));
   auto progress = [&](double done) {
     if (options.progress) options.progress(0.6 + 0.4 * done);
   };
@@ -228,7 +204,7 @@ Result<LoadedMesh> readMesh(const std::string& path, const MeshReadOptions& opti
     if (!named.empty() && std::filesystem::path(named).is_relative())
       named = (std::filesystem::path(path).parent_path() / named).string();
   };
-  beside(raw->texture_path);
+  for (MeshImage& image : raw->images) beside(image.path);
   for (std::string& named : raw->named_files) beside(named);
   MeshReadOptions finishing = options;
   if (!finishing.mm_per_unit) finishing.mm_per_unit = raw->unit.empty() ? 1.0 : mmPerUnit(raw->unit);
@@ -263,6 +239,13 @@ Result<LoadedMesh> repairMesh(TriMesh mesh, const std::string& name, int workers
   if (!m.corner_uv.empty() && m.corner_uv.size() != m.triangles.size())
     return invalid(name, "expected texture coordinates of " + std::to_string(m.triangles.size()) +
                              " triangles, found " + std::to_string(m.corner_uv.size()));
+  if (!m.image_of.empty() && m.image_of.size() != m.triangles.size())
+    return invalid(name, "expected images of " + std::to_string(m.triangles.size()) + " triangles, found " +
+                             std::to_string(m.image_of.size()));
+  for (const uint16_t image : m.image_of)
+    if (image != kNoImage && image >= m.images.size())
+      return invalid(name, "a triangle names image " + std::to_string(image) + ", there are " +
+                               std::to_string(m.images.size()) + " (from 0)");
   for (size_t i = 0; i < m.positions_mm.size(); ++i)
     if (std::string problem = finiteProblem(glm::dvec3(m.positions_mm[i]) + m.origin_mm, i, 1); !problem.empty())
       return invalid(name, problem);

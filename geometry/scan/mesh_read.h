@@ -42,6 +42,8 @@ struct MeshReadOptions {
   const std::atomic<bool>* interrupted = nullptr;
   bool allow_outside =
       false;  // material files beyond the mesh's folder are read, too; else one that is named there is kInvalidData
+  // Texture coordinates are kept for one image from elsewhere, whatever images and colours the file's materials have.
+  bool other_image = false;
   int workers = 0;  // threads; 0: one a core. The mesh and its diagnosis are the same for any number
 };
 
@@ -73,8 +75,7 @@ double mmPerUnit(const std::string& unit);
 // The axis `up` ('x', 'y', 'z') of the file becomes y, then the mesh is turned about x, y and z, one after the other.
 // Multiples of 90 degrees are exact.
 glm::dmat3 turnOf(char up, const glm::dvec3& degrees);
-// Paths of the result: from the mesh file's folder if they are relative. texture_path: the material's; empty if no
-// corner has texture coordinates.
+// Paths of the result: from the mesh file's folder if they are relative.
 Result<LoadedMesh> readMesh(const std::string& path, const MeshReadOptions& options = {});
 // A file that a mesh names must lie in the mesh's folder or below it, wherever links lead: whoever sends a mesh shall
 // not choose which of the receiver's files are opened. kInvalidData names it; `what` says what it is: "the material

@@ -1,6 +1,6 @@
 // mesh_read_gltf.cpp - glTF 2.0 (Khronos 2021), .gltf and .glb: the triangles, strips and fans of all meshes that the
-// scene's nodes place, in metres. Vertex colours and base colours are linear light; of several images the one that most
-// triangles show is kept. Normals, skins, morphs, animations and cameras are read over.
+// scene's nodes place, in metres, with the images and colours of their materials, or the vertices' colours. Normals,
+// skins, morphs, animations and cameras are read over.
 //
 // Memory follows the file: nodes that repeat a mesh may add vertices and triangles only up to one for every two bytes
 // of the file and its buffers.
@@ -11,6 +11,7 @@
 #include "geometry/scan/gltf_buffers.h"
 #include "geometry/scan/gltf_document.h"
 #include "geometry/scan/mesh_file.h"
+#include "geometry/scan/mesh_materials.h"
 #include "src/base/srgb.h"
 
 namespace relievo::mesh_file {
@@ -41,8 +42,7 @@ class GltfReader {
         if (auto done = add(p, placed); !done) return done.error();
     mesh_.vertices_read = mesh_.positions.size();
     if (!mesh_.corner_uv.empty()) mesh_.corner_uv.resize(mesh_.triangles.size());
-    if (auto done = chooseImage(); !done) return done.error();
-    useColours();
+    if (auto done = takeMaterials(); !done) return done.error();
     noteLeftOut();
     return std::move(mesh_);
   }
@@ -188,7 +188,7 @@ class GltfReader {
     if (auto done = readTextureCoordinates(p); !done) return done;
     const size_t before = mesh_.triangles.size();
     if (auto done = addTriangles(p, *first, glm::determinant(glm::dmat3(placed.mesh_to_scene)) < 0); !done) return done;
-    runs_.push_back({before, p.material});
+    runs_.push_back({before, p.material, p.uv != kNoIndex});
     if (options_.progress)
       options_.progress(0.6 * static_cast<double>(&placed - placed_.data() + 1) / static_cast<double>(placed_.size()));
     return {};
@@ -277,86 +277,62 @@ class GltfReader {
         p.indices, [&](uint64_t i, const std::array<double, 4>& v) { return corner(i, static_cast<uint64_t>(v[0])); });
   }
 
-  uint64_t trianglesOfRun(size_t i) const {
-    return (i + 1 < runs_.size() ? runs_[i + 1].first : mesh_.triangles.size()) - runs_[i].first;
-  }
-  // The image of a material; kNoIndex: none.
-  uint32_t textureOf(uint32_t material) const {
-    if (material == kNoIndex || doc_.materials[material].texture == kNoIndex) return kNoIndex;
-    const uint32_t texture = doc_.materials[material].texture;
-    return doc_.textures[texture].image == kNoIndex ? kNoIndex : texture;
+  // An image file's path, or its bytes.
+  Result<MeshImage> readImage(uint32_t index) {
+    const GltfImage& image = doc_.images[index];
+    MeshImage out;
+    const auto inside = [&](Result<std::vector<uint8_t>> bytes) -> Result<MeshImage> {
+      if (!bytes) return bytes.error();
+      out.bytes = std::make_shared<const std::vector<uint8_t>>(std::move(*bytes));
+      return out;
+    };
+    if (image.uri.starts_with("data:")) return inside(decodeDataUri(image.uri, file_.path()));
+    if (!image.uri.empty()) {
+      auto name = fileOfUri(image.uri, file_.path());
+      if (!name) return name.error();
+      out.path = *name;
+      return out;
+    }
+    if (image.view != kNoIndex) return inside(buffers_.bytesOf(image.view));
+    return invalid("expected images[" + std::to_string(index) + "] to have a uri or a bufferView, found neither");
   }
 
-  // TriMesh has one image: the one that most triangles show.
-  Result<void> chooseImage() {
-    std::map<uint32_t, uint64_t> triangles_of;  // an image's
-    std::map<uint32_t, bool> repeats;
-    for (size_t i = 0; i < runs_.size(); ++i) {
-      const uint32_t texture = textureOf(runs_[i].material);
-      if (texture == kNoIndex) {
-        plain_triangles_ += trianglesOfRun(i);
-        continue;
-      }
-      triangles_of[doc_.textures[texture].image] += trianglesOfRun(i);
-      repeats[doc_.textures[texture].image] |= doc_.textures[texture].repeats;
-    }
-    uint32_t used = kNoIndex;
-    uint64_t most = 0, all = 0;
-    for (const auto& [image, triangles] : triangles_of) {
-      all += triangles;
-      if (triangles <= most) continue;
-      most = triangles;
-      used = image;
-    }
-    mesh_.texture_repeats = used == kNoIndex || repeats[used];
+  // Materials that show the same image alike share it; others share its bytes.
+  Result<void> takeMaterials() {
     for (const GltfImage& image : doc_.images)
       if (!image.uri.empty() && !image.uri.starts_with("data:"))
         if (auto name = fileOfUri(image.uri, file_.path()); name) mesh_.named_files.push_back(*name);
-    if (used == kNoIndex) return {};
-    has_image_ = true;
-    if (all > most)
-      mesh_.findings.push_back({"triangles of further images (one is used: images[" + std::to_string(used) + "])",
-                                all - most,
-                                {},
-                                "painted from that one, too"});
-    return takeImage(doc_.images[used], used);
-  }
-
-  Result<void> takeImage(const GltfImage& image, uint32_t index) {
-    if (image.uri.starts_with("data:")) {
-      auto bytes = decodeDataUri(image.uri, file_.path());
-      if (!bytes) return bytes.error();
-      mesh_.texture_bytes = std::move(*bytes);
-    } else if (!image.uri.empty()) {
-      auto name = fileOfUri(image.uri, file_.path());
-      if (!name) return name.error();
-      mesh_.texture_path = *name;
-    } else if (image.view != kNoIndex) {
-      auto bytes = buffers_.bytesOf(image.view);
-      if (!bytes) return bytes.error();
-      mesh_.texture_bytes = std::move(*bytes);
-    } else {
-      return invalid("expected images[" + std::to_string(index) + "] to have a uri or a bufferView, found neither");
-    }
-    return {};
-  }
-
-  // Where neither an image nor vertices have colours: those of the materials, if there is more than one, or no grey.
-  void useColours() {
-    if (has_image_ || !mesh_.corner_uv.empty() || !mesh_.colours.empty()) return;
-    bool worth = false;
-    std::vector<glm::u8vec3> of_run;
+    std::map<uint32_t, MeshImage> images;
+    std::map<uint32_t, uint16_t> numbers;  // of RawMesh::images, by material
+    std::vector<MaterialRun> runs;
     for (const Run& run : runs_) {
       const auto [r, g, b] = bytesOf(colourOf(run.material));
-      of_run.emplace_back(r, g, b);
-      worth = worth || r != g || g != b || of_run.back() != of_run.front();
+      runs.push_back({run.first, kNoImage, glm::u8vec3(r, g, b)});
+      const uint32_t texture = run.material == kNoIndex ? kNoIndex : doc_.materials[run.material].texture,
+                     index = texture == kNoIndex ? kNoIndex : doc_.textures[texture].image;
+      if (index == kNoIndex || (!run.has_uv && !mesh_.corner_uv.empty())) continue;
+      const auto [number, is_new] = numbers.try_emplace(run.material, kNoImage);
+      if (is_new) {
+        if (!images.contains(index)) {
+          auto image = readImage(index);
+          if (!image) return image.error();
+          images.emplace(index, std::move(*image));
+        }
+        MeshImage image = images.at(index);
+        image.repeats = doc_.textures[texture].repeats;
+        image.tint = glm::vec3(colourOf(run.material));
+        const auto same = std::find_if(mesh_.images.begin(), mesh_.images.end(), [&](const MeshImage& other) {
+          return other.path == image.path && other.bytes == image.bytes && other.repeats == image.repeats &&
+                 other.tint == image.tint;
+        });
+        number->second = same != mesh_.images.end() ? static_cast<uint16_t>(same - mesh_.images.begin())
+                                                    : addImage(mesh_, std::move(image));
+      }
+      runs.back().image = number->second;
     }
-    if (!worth) return;
-    mesh_.face_colours.resize(mesh_.triangles.size());
-    for (size_t i = 0; i < runs_.size(); ++i)
-      std::fill_n(mesh_.face_colours.begin() + static_cast<std::ptrdiff_t>(runs_[i].first), trianglesOfRun(i),
-                  of_run[i]);
-    mesh_.texture_repeats = false;
+    mesh_.texture_repeats = mesh_.images.empty() || mesh_.images[0].repeats;
+    useMaterials(mesh_, runs, options_);
+    return {};
   }
 
   void noteLeftOut() {
@@ -366,14 +342,6 @@ class GltfReader {
     note("primitives of points or lines", no_surfaces_, "not used");
     note("meshes with a skin", skinned_, "read at rest, where their nodes place them");
     note("primitives with morph targets", morphs_, "read without them");
-    if (has_image_)
-      note("triangles of materials without an image", plain_triangles_, "painted from the image of the others");
-    if (!has_image_ || mesh_.corner_uv.empty()) return;
-    uint64_t tinted = 0;
-    for (size_t i = 0; i < runs_.size(); ++i)
-      if (textureOf(runs_[i].material) != kNoIndex && colourOf(runs_[i].material) != glm::dvec3(1))
-        tinted += trianglesOfRun(i);
-    note("triangles whose material multiplies its image by a colour", tinted, "painted from the image as it is");
   }
 
   const InputFile& file_;
@@ -385,6 +353,7 @@ class GltfReader {
   struct Run {
     size_t first = 0;  // triangle
     uint32_t material = kNoIndex;
+    bool has_uv = false;
   };
   std::vector<Run> runs_;
   Shared shared_;
@@ -397,8 +366,8 @@ class GltfReader {
   UvOf uv_of_;
   std::vector<glm::vec2> uv_;
   uint32_t shared_first_ = 0;
-  uint64_t skinned_ = 0, morphs_ = 0, no_surfaces_ = 0, plain_triangles_ = 0;
-  bool has_image_ = false, any_colours_ = false;
+  uint64_t skinned_ = 0, morphs_ = 0, no_surfaces_ = 0;
+  bool any_colours_ = false;
 };
 
 }  // namespace

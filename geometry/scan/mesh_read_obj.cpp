@@ -1,12 +1,13 @@
 // mesh_read_obj.cpp - Wavefront OBJ: v (with colours behind the coordinates, as MeshLab and ZBrush write them), vt, f
-// (negative indices count back from the line), mtllib and usemtl for the image that map_Kd names. Normals, groups and
-// free-form surfaces are read over.
+// (negative indices count back from the line), mtllib and usemtl for the images that map_Kd names, and Kd of materials
+// without one. Normals, groups and free-form surfaces are read over.
 #include <algorithm>
 #include <filesystem>
 #include <map>
 #include <set>
 
 #include "geometry/scan/mesh_file.h"
+#include "geometry/scan/mesh_materials.h"
 
 namespace relievo::mesh_file {
 namespace {
@@ -59,7 +60,7 @@ std::string imagePath(std::string_view text, bool& clamped) {
 class ObjReader {
  public:
   ObjReader(const InputFile& file, const MeshReadOptions& options)
-      : allow_outside_(options.allow_outside), in_(file, options), cutter_(mesh_) {}
+      : options_(options), in_(file, options), cutter_(mesh_) {}
 
   Result<RawMesh> read() {
     std::string_view text;
@@ -102,13 +103,23 @@ class ObjReader {
                                 corners_without_uv_,
                                 {},
                                 "read without"});
-    chooseImage();
-    useColours();
+    takeMaterials();
     noteColoursLost();
     return std::move(mesh_);
   }
 
  private:
+  struct Material {
+    std::string image;
+    bool clamped = false;
+    glm::u8vec3 colour = kPlainColour;  // Kd
+  };
+  struct Run {
+    size_t first = 0;  // triangle
+    const std::string* material = nullptr;
+    bool has_uv = false;
+  };
+
   void bad(const char* expected, std::string_view found) {
     in_.note(std::string("expected ") + expected + ", found " + inQuotes(found) + " in line " +
              std::to_string(in_.lineNumber()));
@@ -220,11 +231,8 @@ class ObjReader {
     cutter_.add(corners_, has_uv ? std::span<const glm::vec2>(corner_uv_) : std::span<const glm::vec2>());
     if (mesh_.triangles.size() > kMaxTriangles)
       return in_.note("expected at most " + std::to_string(kMaxTriangles) + " triangles");
-    if (!use_) {
-      use_ = &triangles();
-      if (runs_.empty() || runs_.back().material != material_) runs_.push_back({before, material_});
-    }
-    *use_ += mesh_.triangles.size() - before;
+    if (runs_.empty() || runs_.back().has_uv != has_uv || runs_.back().material != material_)
+      runs_.push_back({before, material_, has_uv});
   }
 
   void materialFile(std::string_view name) {
@@ -232,7 +240,7 @@ class ObjReader {
     if (libraries_.size() == kMaxLibraries || !libraries_.insert(std::string(name)).second) return;
     auto path = std::filesystem::path(in_.file().path()).parent_path() / std::string(name);
     mesh_.named_files.emplace_back(name);
-    if (!allow_outside_) {
+    if (!options_.allow_outside) {
       if (auto beside = checkBesideMesh(in_.file().path(), path.string(), "the material file"); !beside)
         return in_.note(beside.error().message, beside.error().hint);
     }
@@ -257,7 +265,8 @@ class ObjReader {
         Material& m = materials_[name_of];
         bool clamped = false;
         m.image = imagePath(trimmed(line), clamped);
-        if (images_.emplace(m.image, clamped).second) mesh_.named_files.push_back(m.image);
+        m.clamped = clamped;
+        if (images_.insert(m.image).second) mesh_.named_files.push_back(m.image);
       } else if (lowerCase(key) == "kd") {
         glm::dvec3 c(0);
         if (parseNumber(nextItem(line), c.x) && parseNumber(nextItem(line), c.y) && parseNumber(nextItem(line), c.z) &&
@@ -267,123 +276,83 @@ class ObjReader {
     }
   }
 
-  void useMaterial(std::string_view name) {
-    material_ = name;
-    use_ = nullptr;
+  void useMaterial(std::string_view name) { material_ = &*material_names_.emplace(name).first; }
+
+  const Material& materialOf(const Run& run) const {
+    static const Material plain;
+    const auto found = materials_.find(*run.material);
+    return found == materials_.end() ? plain : found->second;
   }
-  // Of the material in use: its image's, or its own if it has none.
-  uint64_t& triangles() {
-    auto found = materials_.find(material_);
-    return found == materials_.end() || found->second.image.empty() ? without_image_[material_]
-                                                                    : triangles_of_[found->second.image];
+  uint64_t trianglesOf(size_t run) const {
+    return (run + 1 < runs_.size() ? runs_[run + 1].first : mesh_.triangles.size()) - runs_[run].first;
   }
 
-  // TriMesh has one image: the one that most triangles show.
-  void chooseImage() {
-    uint64_t most = 0, all = 0;
-    for (const auto& [image, triangles] : triangles_of_) {
-      all += triangles;
-      if (triangles <= most) continue;
-      most = triangles;
-      mesh_.texture_path = image;
-    }
-    mesh_.texture_repeats = most == 0 || !images_[mesh_.texture_path];
-    if (all > most)
-      mesh_.findings.push_back({"triangles of further images (one is used: " + mesh_.texture_path + ")",
-                                all - most,
-                                {},
-                                "painted from that one, too"});
-  }
-
-  // Where no image, no texture coordinate and no vertex has colours: those of the materials, if there is more than one,
-  // or no grey among them.
-  void useColours() {
-    if (!mesh_.texture_path.empty() || !mesh_.corner_uv.empty() || !mesh_.float_colours.empty()) return;
-    std::map<std::string, uint32_t> texel;
-    std::vector<glm::u8vec3> palette;
-    bool worth = false;
+  void takeMaterials() {
+    std::map<std::pair<std::string, bool>, uint16_t> numbers;  // of images, by path and whether they repeat
+    std::vector<MaterialRun> runs;
     for (const Run& run : runs_) {
-      if (!texel.emplace(run.material, static_cast<uint32_t>(palette.size())).second) continue;
-      if (palette.size() == kMaxPalette) return;
-      auto found = materials_.find(run.material);
-      const glm::u8vec3 c = found == materials_.end() ? kPlainColour : found->second.colour;
-      worth = worth || c.r != c.g || c.g != c.b || (!palette.empty() && c != palette[0]);
-      palette.push_back(c);
+      const Material& m = materialOf(run);
+      uint16_t image = kNoImage;
+      if (!m.image.empty() && (run.has_uv || uv_.empty())) {
+        const auto [known, added] = numbers.try_emplace({m.image, !m.clamped}, kNoImage);
+        if (added) known->second = addImage(mesh_, {.path = m.image, .repeats = !m.clamped});
+        image = known->second;
+      }
+      runs.push_back({run.first, image, m.colour});
     }
-    if (!worth) return;
-    mesh_.corner_uv.resize(mesh_.triangles.size());
-    for (size_t i = 0; i < runs_.size(); ++i) {
-      const size_t end = i + 1 < runs_.size() ? runs_[i + 1].first : mesh_.triangles.size();
-      const glm::vec2 uv((static_cast<float>(texel[runs_[i].material]) + 0.5f) / static_cast<float>(palette.size()),
-                         0.5f);
-      for (size_t t = runs_[i].first; t < end; ++t) mesh_.corner_uv[t].fill(uv);
-    }
-    mesh_.palette = std::move(palette);
-    mesh_.texture_repeats = false;
+    mesh_.texture_repeats = numbers.empty() || numbers.begin()->first.second;
+    useMaterials(mesh_, runs, options_);
   }
 
   void noteColoursLost() {
-    const bool image = !mesh_.texture_path.empty() && !mesh_.corner_uv.empty();
-    uint64_t lost = 0, most = 0, materials = 0;
-    std::string material;
-    for (const auto& [name, triangles] : without_image_) {
-      auto found = materials_.find(name);
-      // Beside an image all other triangles are lost; without any, those of a colour that is no grey.
-      const bool grey = found == materials_.end() || (found->second.colour.r == found->second.colour.g &&
-                                                      found->second.colour.g == found->second.colour.b);
-      if (triangles == 0 || (!image && (grey || !mesh_.palette.empty()))) continue;
-      lost += triangles;
-      ++materials;
-      if (triangles <= most) continue;
-      most = triangles;
-      material = name;
+    const bool image = !mesh_.images.empty(), vertices = !mesh_.float_colours.empty();
+    std::map<std::string, uint64_t> lost;  // triangles of materials
+    for (size_t i = 0; i < runs_.size(); ++i) {
+      const Material& m = materialOf(runs_[i]);
+      const bool grey = m.colour.r == m.colour.g && m.colour.g == m.colour.b;
+      if (vertices && !grey && (m.image.empty() || !image)) lost[*runs_[i].material] += trianglesOf(i);
     }
-    const std::string further = materials > 1 ? " and " + std::to_string(materials - 1) + " more" : "";
-    const std::string whose = (material.empty() ? "no material" : "material " + inQuotes(material)) + further;
-    if (lost > 0 && image)
-      mesh_.findings.push_back({"triangles of materials without an image (" + whose + ")",
-                                lost,
-                                {},
-                                "painted from the image of the others"});
-    if (lost > 0 && !image)
-      mesh_.findings.push_back({"triangles of materials with a colour alone (" + whose + ")",
-                                lost,
-                                {},
-                                "Kd is not used beside texture coordinates or colours of vertices"});
+    if (!lost.empty()) {
+      uint64_t all = 0, most = 0;
+      std::string material;
+      for (const auto& [name, triangles] : lost) {
+        all += triangles;
+        if (triangles <= most) continue;
+        most = triangles;
+        material = name;
+      }
+      const std::string further = lost.size() > 1 ? " and " + std::to_string(lost.size() - 1) + " more" : "";
+      mesh_.findings.push_back(
+          {"triangles of materials with a colour alone (" + ("material " + inQuotes(material)) + further + ")",
+           all,
+           {},
+           "Kd is not used beside colours of vertices"});
+    }
     if (unread_libraries_ > 0)
       mesh_.findings.push_back({"material files that cannot be read (" + unread_library_ + ")",
                                 unread_libraries_,
                                 {},
-                                image                          ? "their images are not used"
-                                : !mesh_.float_colours.empty() ? "colours of vertices are used"
+                                image      ? "their images are not used"
+                                : vertices ? "colours of vertices are used"
                                 : mesh_.corner_uv.empty()
                                     ? "the result has no colour"
                                     : "the result has no colour, unless --texture names the image"});
   }
 
-  bool allow_outside_;
+  const MeshReadOptions& options_;
   FileReader in_;
   RawMesh mesh_;
   FaceCutter cutter_;
   std::vector<glm::vec2> uv_, corner_uv_;
   std::vector<uint32_t> corners_;
-  static constexpr size_t kMaxPalette = kPaletteColumns;  // of one row
-  struct Material {
-    std::string image;
-    glm::u8vec3 colour = kPlainColour;  // Kd
-  };
   std::set<std::string> libraries_;
-  std::map<std::string, bool> images_;  // whether one is clamped
+  std::set<std::string> images_;  // that materials name
   std::map<std::string, Material> materials_;
-  std::map<std::string, uint64_t> triangles_of_, without_image_;  // an image's; a material's
-  std::string material_, unread_library_;
-  struct Run {
-    size_t first = 0;  // triangle
-    std::string material;
-  };
+  std::set<std::string> material_names_{""};  // that faces name
+  const std::string* material_ = &*material_names_.begin();
+  std::string unread_library_;
   std::vector<Run> runs_;
   uint64_t unread_libraries_ = 0;
-  uint64_t* use_ = nullptr;
   uint64_t faces_ = 0, highest_ = 0, highest_face_ = 0;
   uint64_t corners_without_uv_ = 0;  // that name some, before any
   std::string first_without_uv_;     // what is wrong with the first of them, if there are some after all

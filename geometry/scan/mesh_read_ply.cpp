@@ -7,6 +7,7 @@
 #include <cstring>
 
 #include "geometry/scan/mesh_file.h"
+#include "geometry/scan/mesh_materials.h"
 
 namespace relievo::mesh_file {
 namespace {
@@ -100,7 +101,8 @@ Use useOf(const Element& element, const Property& p) {
 
 class PlyReader {
  public:
-  PlyReader(const InputFile& file, const MeshReadOptions& options) : in_(file, options), cutter_(mesh_) {}
+  PlyReader(const InputFile& file, const MeshReadOptions& options)
+      : options_(options), in_(file, options), cutter_(mesh_) {}
 
   Result<RawMesh> read() {
     readHeader();
@@ -113,34 +115,27 @@ class PlyReader {
     if (in_.failed()) return in_.error();
     if (cutter_.dropped() > 0)
       mesh_.findings.push_back({"faces of fewer than three corners", cutter_.dropped(), {}, "dropped"});
-    chooseImage();
     chooseFaceColours();
+    useImages();
     return std::move(mesh_);
   }
 
  private:
-  // TriMesh has one image: the one that most triangles show. Without numbers of images all show the first.
-  void chooseImage() {
+  // Of several images faces say which they show. Without such numbers all show the first.
+  void useImages() {
     mesh_.named_files = images_;
-    if (images_.empty()) return;
-    size_t used = 0;
-    uint64_t all = 0;
-    for (size_t k = 0; k < images_.size(); ++k) {
-      all += triangles_of_[k];
-      if (triangles_of_[k] > triangles_of_[used]) used = k;
-    }
-    mesh_.texture_path = images_[used];
-    if (all > triangles_of_[used])
-      mesh_.findings.push_back({"triangles of further images (one is used: " + mesh_.texture_path + ")",
-                                all - triangles_of_[used],
-                                {},
-                                "painted from that one, too"});
-    if (all == 0 && images_.size() > 1)
+    if (images_.empty() || mesh_.triangles.empty()) return;
+    for (const std::string& path : images_) addImage(mesh_, {.path = path});
+    for (MaterialRun& run : runs_)
+      if (run.image >= mesh_.images.size()) run.image = kNoImage;
+    if (!numbered_) runs_ = {{.image = 0}};
+    if (images_.size() > 1 && !numbered_)
       mesh_.findings.push_back(
-          {"further images, without numbers that say which faces show them (one is used: " + mesh_.texture_path + ")",
+          {"further images, without numbers that say which faces show them (one is used: " + images_[0] + ")",
            images_.size() - 1,
            {},
            "not used"});
+    useMaterials(mesh_, runs_, options_);
   }
 
   // They count where nothing else has colours: an image and vertices say more.
@@ -213,7 +208,6 @@ class PlyReader {
           while (!rest.empty() && isBlank(rest.front())) rest.remove_prefix(1);
           while (!rest.empty() && isBlank(rest.back())) rest.remove_suffix(1);
           images_.emplace_back(rest);
-          triangles_of_.push_back(0);
         }
       } else if (!key.empty() && format && elements_.empty()) {
         // Blender 2.4 wrote who made the file without saying that this is a comment.
@@ -494,8 +488,12 @@ class PlyReader {
         mesh_.face_colours.resize(before, kPlainColour);  // faces before this one may have had none
         mesh_.face_colours.resize(mesh_.triangles.size(), colour);
       }
-      if (image >= 0 && image < static_cast<double>(images_.size()))
-        triangles_of_[static_cast<size_t>(image)] += mesh_.triangles.size() - before;
+      if (images_.size() > 1) {
+        const bool known = image >= 0 && image < std::min<double>(static_cast<double>(images_.size()), kNoImage);
+        const uint16_t shown = known ? static_cast<uint16_t>(image) : kNoImage;
+        numbered_ = numbered_ || known;
+        if (runs_.empty() || runs_.back().image != shown) runs_.push_back({before, shown});
+      }
       if (mesh_.triangles.size() > kMaxTriangles)
         return in_.note("expected at most " + std::to_string(kMaxTriangles) + " triangles");
     }
@@ -527,13 +525,15 @@ class PlyReader {
     }
   }
 
+  const MeshReadOptions& options_;
   FileReader in_;
   RawMesh mesh_;
   FaceCutter cutter_;
   std::vector<Element> elements_;
   std::vector<glm::vec2> vertex_uv_;
-  std::vector<std::string> images_;     // that comments name
-  std::vector<uint64_t> triangles_of_;  // an image's, where faces say which
+  std::vector<std::string> images_;  // that comments name
+  std::vector<MaterialRun> runs_;    // of which faces show which of several
+  bool numbered_ = false;            // some face does
   uint64_t coloured_faces_ = 0;
   std::string_view line_;
   bool ascii_ = false, swap_ = false;

@@ -181,6 +181,7 @@ std::vector<TJunction> splitAtTJunctions(TriMesh& mesh, std::span<const TJunctio
       for (size_t i = 0; i < parts.size(); ++i) {
         if (i == 0) mesh.triangles[t] = parts[i].corners;
         else mesh.triangles.push_back(parts[i].corners);
+        if (i > 0 && !mesh.image_of.empty()) mesh.image_of.push_back(mesh.image_of[t]);
         if (mesh.corner_uv.empty()) continue;
         if (i == 0) mesh.corner_uv[t] = parts[i].uv;
         else mesh.corner_uv.push_back(parts[i].uv);

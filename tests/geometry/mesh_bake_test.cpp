@@ -27,8 +27,8 @@ using test::kSanitized;
 using Heights = std::vector<uint16_t>;
 
 std::unique_ptr<MeshBake> bake(const TriMesh& mesh, const BaseMesh& base, BakeOptions options,
-                               const MeshBake::Image& image = {}) {
-  auto made = MeshBake::create(mesh, image, base, options);
+                               const std::vector<MeshBake::Image>& images = {}) {
+  auto made = MeshBake::create(mesh, images, base, options);
   EXPECT_TRUE(made) << made.error().text();
   return made ? std::move(*made) : nullptr;
 }
@@ -917,7 +917,7 @@ TEST(MeshBake, imagesAreLookedUpFromTheirLowerLeftCorner) {
       rgb.insert(rgb.end(),
                  {static_cast<uint8_t>(4 * x), static_cast<uint8_t>(8 * y), static_cast<uint8_t>(x + 2 * y)});
   auto baked =
-      bake(mesh, sheetBase(20, 10, 2, 1), {.cells_log2 = 5}, {.width = kWidth, .height = kHeight, .texels = rgb});
+      bake(mesh, sheetBase(20, 10, 2, 1), {.cells_log2 = 5}, {{.width = kWidth, .height = kHeight, .texels = rgb}});
   ASSERT_TRUE(baked);
   EXPECT_EQ(baked->textureDepth(), 0);
   for (uint32_t p = 0; p < 2; ++p) {
@@ -983,7 +983,7 @@ TEST(MeshBake, eachPatchHasTheTexelsOfItsPartOfTheImage) {
     }
     return std::sqrt(squares / static_cast<double>(side));
   };
-  const auto baked = bake(mesh, base, {.cells_log2 = 5}, {kWidth, kHeight, image});
+  const auto baked = bake(mesh, base, {.cells_log2 = 5}, {{kWidth, kHeight, image}});
   ASSERT_TRUE(baked);
   EXPECT_EQ(baked->textureDepth(), 3);
   const std::array<int, 3> depths{0, 1, 3};  // 20, 200 and 804 columns; 100 rows
@@ -991,7 +991,7 @@ TEST(MeshBake, eachPatchHasTheTexelsOfItsPartOfTheImage) {
     EXPECT_EQ(baked->textureDepthOf(p), depths[p]) << p;
     EXPECT_LT(offBy(*baked, p), 12) << p;
   }
-  const auto coarse = bake(mesh, base, {.cells_log2 = 5, .texture_depth = 1}, {kWidth, kHeight, image});
+  const auto coarse = bake(mesh, base, {.cells_log2 = 5, .texture_depth = 1}, {{kWidth, kHeight, image}});
   ASSERT_TRUE(coarse);
   for (uint32_t p = 0; p < 3; ++p) EXPECT_EQ(coarse->textureDepthOf(p), 1) << "as asked for";
 }
@@ -1304,9 +1304,9 @@ TEST(MeshBake, paletteColoursDoNotMix) {
   }
   const std::vector<uint8_t> colours{200, 40, 0, 20, 220, 0};
   // Between red and green, and texels of the wrong one.
-  auto count = [&](const TriMesh& scan, const MeshBake::Image& image) {
+  auto count = [&](const TriMesh& scan, const std::vector<MeshBake::Image>& images) {
     std::array<size_t, 2> mixed_wrong{};
-    auto baked = bake(scan, sheetBase(10, 10, 1, 1), {.cells_log2 = 4, .texture_depth = 2}, image);
+    auto baked = bake(scan, sheetBase(10, 10, 1, 1), {.cells_log2 = 4, .texture_depth = 2}, images);
     std::vector<uint8_t> out(6 * kPlane);
     EXPECT_TRUE(baked && baked->texels(0, out));
     for (size_t i = 0; i < kPlane; ++i) {
@@ -1317,17 +1317,59 @@ TEST(MeshBake, paletteColoursDoNotMix) {
     }
     return mixed_wrong;
   };
-  const MeshBake::Image image{.width = 2, .height = 1, .texels = colours};
-  mesh.palette = {{200, 40, 0}, {20, 220, 0}};
-  EXPECT_EQ(count(mesh, image), (std::array<size_t, 2>{0, 0}));
+  const MeshBake::Image image{.width = 2, .height = 1, .texels = colours, .palette = true};
+  EXPECT_EQ(count(mesh, {image}), (std::array<size_t, 2>{0, 0}));
+  // Beside an image, which no triangle of the patch shows, too.
+  TriMesh second = mesh;
+  second.image_of.assign(mesh.triangles.size(), 1);
+  EXPECT_EQ(count(second, {{.width = 1, .height = 2, .texels = colours}, image}), (std::array<size_t, 2>{0, 0}));
   // Control: vertices' colours are interpolated from the same grid.
   TriMesh control = mesh;
   control.corner_uv.clear();
-  control.palette.clear();
-  for (const glm::vec3& p : control.positions_mm) control.colours.push_back(mesh.palette[p.x < kBorder ? 0 : 1]);
+  for (const glm::vec3& p : control.positions_mm)
+    control.colours.push_back(p.x < kBorder ? glm::u8vec3(200, 40, 0) : glm::u8vec3(20, 220, 0));
   const auto control_counts = count(control, {});
   EXPECT_GT(control_counts[0], kTexels);
   EXPECT_GT(control_counts[1], kTexels);
+}
+
+// Of several images each triangle shows its own, at its own place; some show none, and have their vertices' colours.
+TEST(MeshBake, trianglesShowTheirOwnImages) {
+  TriMesh mesh = sheetMesh(30, 10, 30, 10, [](double, double) { return 0.0; });
+  for (const auto& t : mesh.triangles) {
+    const float middle = (mesh.positions_mm[t[0]].x + mesh.positions_mm[t[1]].x + mesh.positions_mm[t[2]].x) / 3;
+    const auto third = static_cast<uint16_t>(middle / 10);
+    mesh.image_of.push_back(third == 2 ? kNoImage : third);
+    auto& uv = mesh.corner_uv.emplace_back();
+    for (size_t k = 0; k < 3; ++k) uv[k] = {mesh.positions_mm[t[k]].x / 10 - third, 1 + mesh.positions_mm[t[k]].y / 10};
+  }
+  mesh.colours.assign(mesh.positions_mm.size(), {10, 20, 30});
+  // The first gets brighter to the right, the second, which is finer, downwards.
+  std::vector<uint8_t> right, down;
+  for (int i = 0; i < 64 * 64; ++i) right.insert(right.end(), 3, static_cast<uint8_t>(4 * (i % 64)));
+  for (int i = 0; i < 256 * 256; ++i) down.insert(down.end(), 3, static_cast<uint8_t>(i / 256));
+  const auto baked = bake(mesh, sheetBase(30, 10, 3, 1), {.cells_log2 = 5}, {{64, 64, right}, {256, 256, down}});
+  ASSERT_TRUE(baked);
+  EXPECT_EQ(baked->textureDepthOf(0), 0);
+  EXPECT_EQ(baked->textureDepthOf(1), 1);
+  for (uint32_t p = 0; p < 3; ++p) {
+    const size_t side = size_t{128} << baked->textureDepthOf(p);
+    std::vector<uint8_t> texels(6 * side * side);
+    ASSERT_TRUE(baked->texels(p, texels));
+    for (size_t y = 0; y < side; ++y)
+      for (size_t x = 2; x + 2 < side; ++x) {
+        const double u = (static_cast<double>(x) + 0.5) / static_cast<double>(side),
+                     v = (static_cast<double>(y) + 0.5) / static_cast<double>(side);
+        const double expected = p == 0   ? 4 * std::clamp(64 * u - 0.5, 0.0, 63.0)
+                                : p == 1 ? std::clamp(256 * v - 0.5, 0.0, 255.0)
+                                         : 10;
+        ASSERT_NEAR(texels[y * side + x], expected, 1.5) << p << " " << x << " " << y;
+      }
+  }
+  // One image that a triangle names and that is not there.
+  auto fewer = MeshBake::create(mesh, std::vector<MeshBake::Image>{{64, 64, right}}, sheetBase(30, 10, 3, 1), {});
+  ASSERT_FALSE(fewer);
+  EXPECT_EQ(fewer.error().kind, ErrorKind::kUsage);
 }
 
 }  // namespace mesh_bake_test

@@ -244,7 +244,7 @@ TEST(MeshGltf, ColoursAreLinearLightTimesTheMaterials) {
   // Without colours of vertices a material's colour is the surface's.
   s.colours.clear();
   const LoadedMesh plain = mustRead(saveFile("a.glb", glbFile(s, tint)));
-  EXPECT_EQ(plain.mesh.palette,
+  EXPECT_EQ(paletteOf(plain.mesh),
             (std::vector<glm::u8vec3>{{static_cast<uint8_t>(encoded(0.5)), 255, static_cast<uint8_t>(encoded(0.25))}}));
 }
 
@@ -258,10 +258,10 @@ TEST(MeshGltf, TheBaseColourImageIsNamedOrInTheFile) {
     return material + sampler + "}],\"images\":[{" + image + "}]";
   };
   const LoadedMesh named = mustRead(saveFile("a.glb", glbFile(s, with("\"uri\":\"a%20skin.png\""))));
-  EXPECT_EQ(named.mesh.texture_path, (meshFolder() / "a skin.png").string());
-  EXPECT_EQ(named.named_files, std::vector<std::string>{named.mesh.texture_path});
-  EXPECT_TRUE(named.mesh.texture_repeats);
-  EXPECT_TRUE(named.mesh.texture_bytes.empty());
+  EXPECT_EQ(imagePath(named.mesh), (meshFolder() / "a skin.png").string());
+  EXPECT_EQ(named.named_files, std::vector<std::string>{imagePath(named.mesh)});
+  EXPECT_TRUE(named.mesh.images[0].repeats);
+  EXPECT_FALSE(named.mesh.images[0].bytes);
   std::vector<glm::vec2> of(s.positions.size());
   for (size_t t = s.triangles.size(); t-- > 0;)
     for (size_t k = 0; k < 3; ++k) of[s.triangles[t][k]] = s.corner_uv[t][k];
@@ -271,11 +271,15 @@ TEST(MeshGltf, TheBaseColourImageIsNamedOrInTheFile) {
   const LoadedMesh inside = mustRead(saveFile(
       "a.glb", glbFile(s, with("\"uri\":\"data:image/png;base64," + base64("a picture") + "\"", ",\"sampler\":0") +
                               ",\"samplers\":[{\"wrapS\":33071,\"wrapT\":33071}]")));
-  EXPECT_EQ(std::string(inside.mesh.texture_bytes.begin(), inside.mesh.texture_bytes.end()), "a picture");
-  EXPECT_TRUE(inside.mesh.texture_path.empty());
-  EXPECT_FALSE(inside.mesh.texture_repeats);
+  ASSERT_EQ(inside.mesh.images.size(), 1u);
+  ASSERT_TRUE(inside.mesh.images[0].bytes);
+  const std::vector<uint8_t>& bytes = *inside.mesh.images[0].bytes;
+  EXPECT_EQ(std::string(bytes.begin(), bytes.end()), "a picture");
+  EXPECT_TRUE(imagePath(inside.mesh).empty());
+  EXPECT_FALSE(inside.mesh.images[0].repeats);
   const LoadedMesh view = mustRead(saveFile("a.glb", glbFile(s, with("\"bufferView\":1,\"mimeType\":\"image/png\""))));
-  EXPECT_EQ(view.mesh.texture_bytes.size(), 12 * s.triangles.size()) << "the indices' bytes";
+  ASSERT_TRUE(view.mesh.images.size() == 1 && view.mesh.images[0].bytes);
+  EXPECT_EQ(view.mesh.images[0].bytes->size(), 12 * s.triangles.size()) << "the indices' bytes";
   // KHR_texture_transform, by its own example: scale, then turn, then move.
   const std::string turned = replaced(with("\"uri\":\"a.png\""), "{\"index\":0}",
                                       "{\"index\":0,\"extensions\":{\"KHR_texture_transform\":{\"offset\":[0,1],"
@@ -290,7 +294,7 @@ TEST(MeshGltf, TheBaseColourImageIsNamedOrInTheFile) {
     }
 }
 
-TEST(MeshGltf, TheImageOfMostTrianglesIsUsedAndTheOthersAreFindings) {
+TEST(MeshGltf, TrianglesShowTheirMaterialsImagesAndColours) {
   Sample s = sheet(3, 2, 0.1);
   decorate(s, 5);
   s.colours.clear();
@@ -315,14 +319,20 @@ TEST(MeshGltf, TheImageOfMostTrianglesIsUsedAndTheOthersAreFindings) {
   text.replace(begin, end - begin, plain + "," + first + "," + second);
   text = replaced(text, "\"accessors\":[", "\"accessors\":[" + accessor(6) + accessor(12));
   const LoadedMesh m = mustRead(saveFile("a.gltf", text));
-  EXPECT_EQ(m.mesh.texture_path, (meshFolder() / "b.png").string());
+  // Of the triangles that are there twice the first ones stay: two without coordinates, which have their material's
+  // white, two of a.png, the rest of b.png, whose material multiplies it.
+  ASSERT_EQ(m.mesh.images.size(), 3u);
+  EXPECT_EQ(imagePath(m.mesh, 0), (meshFolder() / "b.png").string());
+  EXPECT_EQ(imagePath(m.mesh, 1), (meshFolder() / "a.png").string());
+  EXPECT_EQ(m.mesh.images[0].tint, glm::vec3(0.5f, 1, 1));
+  EXPECT_EQ(m.mesh.images[1].tint, glm::vec3(1));
+  EXPECT_EQ(paletteOf(m.mesh), (std::vector<glm::u8vec3>{glm::u8vec3(255)}));
   EXPECT_EQ(m.named_files.size(), 2u);
-  const MeshFinding* others = finding(m, "triangles of further images");
-  ASSERT_TRUE(others);
-  EXPECT_EQ(others->count, 4u);
-  ASSERT_TRUE(finding(m, "without an image"));
-  EXPECT_EQ(finding(m, "without an image")->count, 2u);
-  EXPECT_EQ(finding(m, "multiplies its image by a colour")->count, s.triangles.size());
+  std::array<size_t, 3> shown{};
+  ASSERT_EQ(m.mesh.image_of.size(), m.mesh.triangles.size());
+  for (const uint16_t image : m.mesh.image_of) ++shown.at(image);
+  EXPECT_EQ(shown, (std::array<size_t, 3>{s.triangles.size() - 4, 2, 2}));
+  EXPECT_FALSE(finding(m, "image")) << "nothing is lost";
   // Every triangle's coordinates are those of its own vertices, but for the two that had none.
   std::map<std::array<int, 2>, glm::vec2> of;
   for (size_t t = s.triangles.size(); t-- > 0;)
@@ -336,7 +346,7 @@ TEST(MeshGltf, TheImageOfMostTrianglesIsUsedAndTheOthersAreFindings) {
       const glm::dvec3 p = place(m, m.mesh.triangles[t][k]) / 100.0;
       const glm::vec2 expected = of[{static_cast<int>(std::lround(p.x)), static_cast<int>(std::lround(p.y))}];
       own += glm::length(m.mesh.corner_uv[t][k] - expected) < 1e-6f;
-      none += m.mesh.corner_uv[t][k] == glm::vec2(0);
+      none += m.mesh.image_of[t] == 2 && m.mesh.corner_uv[t][k] == glm::vec2(0.5f);
     }
   EXPECT_EQ(own + none, static_cast<int>(3 * m.mesh.triangles.size()));
   EXPECT_GT(own, none);
@@ -486,13 +496,14 @@ TEST(MeshTurns, UpAndRotateAreExactInQuartersAndKeepTheShape) {
 // Of each triangle the colour that its texture coordinates name in the palette.
 std::vector<glm::u8vec3> paletteColours(const TriMesh& m) {
   std::vector<glm::u8vec3> out;
-  const size_t columns = std::min(m.palette.size(), kPaletteColumns), rows = m.palette.size() / columns;
+  const std::vector<glm::u8vec3> palette = paletteOf(m);
+  const size_t columns = std::min(palette.size(), kPaletteColumns), rows = palette.size() / columns;
   for (const auto& uv : m.corner_uv) {
     EXPECT_EQ(uv[0], uv[1]);
     EXPECT_EQ(uv[0], uv[2]);
     const auto x = static_cast<size_t>(uv[0].x * static_cast<double>(columns)),
                y = static_cast<size_t>((1 - uv[0].y) * static_cast<double>(rows));
-    out.push_back(m.palette.at(y * columns + x));
+    out.push_back(palette.at(y * columns + x));
   }
   return out;
 }
@@ -529,8 +540,8 @@ TEST(MeshFaceColours, OfStlByBothConventions) {
     EXPECT_EQ(others[t], t % 4 == 3 ? glm::u8vec3(16, 32, 48) : glm::u8vec3(channel(i), 255, channel(31 - i))) << t;
   }
   // Zeros everywhere: no colours, or the header's alone.
-  EXPECT_TRUE(mustRead(file("plain", [](size_t) { return uint16_t{0}; })).mesh.palette.empty());
-  EXPECT_EQ(mustRead(file(header, [](size_t) { return uint16_t{0}; })).mesh.palette,
+  EXPECT_TRUE(mustRead(file("plain", [](size_t) { return uint16_t{0}; })).mesh.images.empty());
+  EXPECT_EQ(paletteOf(mustRead(file(header, [](size_t) { return uint16_t{0}; })).mesh),
             (std::vector<glm::u8vec3>{{16, 32, 48}}));
 }
 
@@ -555,7 +566,7 @@ TEST(MeshFaceColours, OfPlyEvenWhereTheyAreMany) {
   };
   for (const auto& [type, scale] : {std::pair{"uchar", 1.0}, {"ushort", 257.0}, {"float", 1 / 255.0}}) {
     const LoadedMesh m = mustRead(file(type, scale));
-    EXPECT_GT(m.mesh.palette.size(), kPaletteColumns) << "more than one row";
+    EXPECT_GT(paletteOf(m.mesh).size(), kPaletteColumns) << "more than one row";
     const std::vector<glm::u8vec3> colours = paletteColours(m.mesh);
     ASSERT_EQ(colours.size(), s.triangles.size());
     size_t off = 0;

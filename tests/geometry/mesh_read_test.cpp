@@ -124,7 +124,7 @@ TEST(MeshFormats, PlyInEveryEncodingAndType) {
         LoadedMesh m =
             mustRead(saveFile("a.ply", plyFile(full, {.encoding = encoding, .clutter = clutter, .line_end = end})));
         expectSame(m, full, true, true);
-        EXPECT_EQ(m.mesh.texture_path, (meshFolder() / "image of a test.png").string());
+        EXPECT_EQ(imagePath(m.mesh), (meshFolder() / "image of a test.png").string());
       }
     for (const char* type : {"char", "int8", "short", "int16", "int", "int32", "float", "float32", "double", "float64"})
       expectSame(mustRead(saveFile("a.ply", plyFile(coarse, {.encoding = encoding, .coordinate = type}))), coarse,
@@ -180,7 +180,7 @@ TEST(MeshFormats, ObjWithMaterials) {
   for (bool negative : {false, true}) {
     LoadedMesh m = mustRead(saveFile("a.obj", objFile(s, negative)));
     expectSame(m, s, true, true);
-    EXPECT_EQ(m.mesh.texture_path, (meshFolder() / "sub dir/my image.png").string());
+    EXPECT_EQ(imagePath(m.mesh), (meshFolder() / "sub dir/my image.png").string());
   }
   Sample plain = scanOfCubeSphere(4);
   saveFile("test.mtl", "newmtl surface\nKd 1 1 1\n");
@@ -188,7 +188,7 @@ TEST(MeshFormats, ObjWithMaterials) {
   // An image, but no texture coordinates.
   saveFile("test.mtl", "newmtl surface\nmap_Kd a.png\n");
   LoadedMesh bare = mustRead(saveFile("a.obj", objFile(plain)));
-  EXPECT_EQ(bare.mesh.texture_path, "");
+  EXPECT_EQ(imagePath(bare.mesh), "");
   EXPECT_NE(defects(bare.diagnosis).find("a.png"), std::string::npos);
 
   // Lines that go on, faces before their vertices, a line without its end, colours to 255.
@@ -201,16 +201,34 @@ TEST(MeshFormats, ObjWithMaterials) {
 
   // Without the material file there is a mesh, and a finding.
   m = mustRead(saveFile("c.obj", "mtllib none.mtl\nv 0 0 0\nv 1 0 0\nv 0 1 0\nusemtl m\nf 1 2 3\n"));
-  EXPECT_EQ(m.mesh.texture_path, "");
+  EXPECT_EQ(imagePath(m.mesh), "");
   EXPECT_NE(defects(m.diagnosis).find("none.mtl"), std::string::npos);
 
-  // Two images: that of most triangles.
-  saveFile("two.mtl", "newmtl a\nmap_Kd a.png\nnewmtl b\nmap_Kd b.png\n");
-  m = mustRead(saveFile("d.obj",
-                        "mtllib two.mtl\nv 0 0 0\nv 1 0 0\nv 1 1 0\nv 0 1 0\nv 0 2 0\nvt 0 0\nusemtl a\nf 1/1 2/1 "
-                        "3/1\nusemtl b\nf 1/1 3/1 4/1\nf 4/1 3/1 5/1\n"));
-  EXPECT_EQ(m.mesh.texture_path, (meshFolder() / "b.png").string());
-  EXPECT_NE(defects(m.diagnosis).find("triangles of further images"), std::string::npos);
+  // Two images, each on its material's triangles.
+  saveFile("two.mtl", "newmtl a\nmap_Kd a.png\nnewmtl b\nmap_Kd b.png\nnewmtl red\nKd 1 0 0\n");
+  const std::string corners = "mtllib two.mtl\nv 0 0 0\nv 1 0 0\nv 1 1 0\nv 0 1 0\nv 0 2 0\nvt 0 0\n";
+  m = mustRead(
+      saveFile("d.obj", corners + "usemtl a\nf 1/1 2/1 3/1\nusemtl b\nf 1/1 3/1 4/1\nf 4/1 3/1 5/1\nusemtl red\n"));
+  EXPECT_EQ(imagePath(m.mesh, 0), (meshFolder() / "b.png").string());
+  EXPECT_EQ(imagePath(m.mesh, 1), (meshFolder() / "a.png").string());
+  EXPECT_EQ(m.mesh.images.size(), 2u);
+  EXPECT_EQ(m.mesh.image_of, (std::vector<uint16_t>{1, 0, 0}));
+  // Beside an image a material without one has its colour, or the vertices' where these have some; and so has a face
+  // without texture coordinates.
+  m = mustRead(saveFile("d.obj", corners + "usemtl a\nf 1/1 2/1 3/1\nf 1 3 4\nusemtl red\nf 4/1 3/1 5/1\n"));
+  EXPECT_EQ(m.mesh.image_of, (std::vector<uint16_t>{0, 1, 1}));
+  EXPECT_EQ(paletteOf(m.mesh), (std::vector<glm::u8vec3>{{204, 204, 204}, {255, 0, 0}}));
+  EXPECT_EQ(m.mesh.corner_uv[1][0], glm::vec2(0.25f, 0.5f));
+  EXPECT_EQ(m.mesh.corner_uv[2][2], glm::vec2(0.75f, 0.5f));
+  m = mustRead(saveFile("d.obj", corners + "v 9 9 9 0 0 0\nusemtl a\nf 1/1 2/1 3/1\nusemtl red\nf 4/1 3/1 6/1\n"));
+  EXPECT_EQ(m.mesh.image_of, (std::vector<uint16_t>{0, kNoImage}));
+  EXPECT_EQ(m.mesh.images.size(), 1u);
+  // An image from elsewhere takes the place of all of them.
+  auto other = readMesh(saveFile("d.obj", corners + "usemtl a\nf 1/1 2/1 3/1\nusemtl red\nf 4/1 3/1 5/1\n"),
+                        {.other_image = true});
+  ASSERT_TRUE(other);
+  EXPECT_TRUE(other->mesh.image_of.empty());
+  EXPECT_EQ(other->mesh.corner_uv[1][0], glm::vec2(0));
 }
 
 const MeshFinding* finding(const LoadedMesh& m, const std::string& what) {
@@ -237,46 +255,50 @@ TEST(MeshFormats, ObjMaterialsColourTheirTriangles) {
   const std::string corners = "mtllib kd.mtl\nv 0 0 0\nv 1 0 0\nv 1 1 0\nv 0 1 0\nv 0 2 0\n";
   LoadedMesh m = mustRead(
       saveFile("kd.obj", corners + "usemtl red\nf 1 2 3\nusemtl blue\nf 1 3 4\nusemtl red\nusemtl plain\nf 4 3 5\n"));
-  EXPECT_EQ(m.mesh.palette, (std::vector<glm::u8vec3>{{255, 0, 0}, {0, 51, 255}, {204, 204, 204}}));
+  EXPECT_EQ(paletteOf(m.mesh), (std::vector<glm::u8vec3>{{0, 51, 255}, {204, 204, 204}, {255, 0, 0}}));
   ASSERT_EQ(m.mesh.corner_uv.size(), 3u);
-  EXPECT_FALSE(m.mesh.texture_repeats);
+  EXPECT_FALSE(m.mesh.images[0].repeats);
   for (size_t t = 0; t < 3; ++t) {
     const auto& positions = m.mesh.positions_mm;
     glm::vec3 centre(0);
     for (uint32_t v : m.mesh.triangles[t]) centre += positions[v] / 3.0f;
     centre += glm::vec3(m.mesh.origin_mm);
-    const size_t expected = centre.y < 0.5f ? 0 : centre.y < 0.9f ? 1 : 2;
+    const size_t expected = centre.y < 0.5f ? 2 : centre.y < 0.9f ? 0 : 1;
     for (const glm::vec2& uv : m.mesh.corner_uv[t])
       EXPECT_EQ(uv, glm::vec2((static_cast<float>(expected) + 0.5f) / 3, 0.5f)) << centre.y;
   }
   EXPECT_FALSE(finding(m, "image") || finding(m, "colour")) << defects(m.diagnosis);
-  // One grey for all, what is no number, colours of vertices, texture coordinates: no row.
+  // Texture coordinates of no image do not count, but for an image from elsewhere.
+  const std::string with_uv = saveFile("kd.obj", corners + "vt 0 0\nusemtl red\nf 1/1 2/1 3/1\n");
+  EXPECT_EQ(paletteOf(mustRead(with_uv).mesh), (std::vector<glm::u8vec3>{{255, 0, 0}}));
+  auto other = readMesh(with_uv, {.other_image = true});
+  ASSERT_TRUE(other);
+  EXPECT_TRUE(other->mesh.images.empty());
+  EXPECT_EQ(other->mesh.corner_uv.at(0)[0], glm::vec2(0));
+  // One grey for all, what is no number, colours of vertices: no row.
   for (const char* none : {"f 1 2 3\n", "usemtl plain\nf 1 2 3\n", "usemtl not\nf 1 2 3\nf 1 3 4\n",
-                           "v 2 2 2 1 0 0\nusemtl red\nf 1 2 6\n", "vt 0 0\nusemtl red\nf 1/1 2/1 3/1\n"}) {
+                           "v 2 2 2 1 0 0\nusemtl red\nf 1 2 6\n"}) {
     m = mustRead(saveFile("kd.obj", corners + none));
-    EXPECT_TRUE(m.mesh.palette.empty()) << none;
+    EXPECT_TRUE(m.mesh.images.empty()) << none;
   }
 }
 
-// What cannot be shown is said: triangles of materials without an image, images beside the one, colours of faces.
+// What cannot be shown is said: colours of materials beside those of vertices, images without numbers, colours of
+// faces.
 TEST(MeshFormats, ColoursThatAreNotReadAreFindings) {
-  saveFile("some.mtl", "newmtl a\nKd 1 0 0\nmap_Kd a.png\nnewmtl red\nKd 1 0 0\nnewmtl grey\nKd .5 .5 .5\n");
+  saveFile("some.mtl",
+           "newmtl a\nKd 1 0 0\nmap_Kd a.png\nnewmtl red\nKd 1 0 0\nnewmtl grey\nKd .5 .5 .5\nnewmtl blue\nKd 0 0 1\n");
   const std::string corners = "mtllib some.mtl\nv 0 0 0\nv 1 0 0\nv 1 1 0\nv 0 1 0\nv 0 2 0\nvt 0 0\n";
-  LoadedMesh m =
-      mustRead(saveFile("a.obj", corners + "usemtl a\nf 1/1 2/1 3/1\nusemtl red\nf 1/1 3/1 4/1\nf 4/1 3/1 5/1\n"));
-  EXPECT_EQ(m.mesh.texture_path, (meshFolder() / "a.png").string());
-  const MeshFinding* f = finding(m, "without an image (material \"red\")");
-  ASSERT_TRUE(f) << defects(m.diagnosis);
-  EXPECT_EQ(f->count, 2u);
-  m = mustRead(saveFile("a.obj", corners + "f 1/1 2/1 3/1\nusemtl a\nf 1/1 3/1 4/1\nusemtl grey\nf 4/1 3/1 5/1\n"));
-  f = finding(m, "without an image (no material and 1 more)");
-  ASSERT_TRUE(f) << defects(m.diagnosis);
-  EXPECT_EQ(f->count, 2u);
-  // Without any image: colours are missed, greys are not.
-  m = mustRead(saveFile("a.obj", corners + "usemtl red\nf 1/1 2/1 3/1\nusemtl grey\nf 1/1 3/1 4/1\n"));
-  f = finding(m, "with a colour alone (material \"red\")");
+  // Beside colours of vertices those of materials are missed, greys are not.
+  const std::string coloured = corners + "v 3 3 3 1 0 0\n";
+  LoadedMesh m = mustRead(saveFile("a.obj", coloured + "usemtl red\nf 1/1 2/1 3/1\nusemtl grey\nf 1/1 3/1 4/1\n"));
+  const MeshFinding* f = finding(m, "with a colour alone (material \"red\")");
   ASSERT_TRUE(f) << defects(m.diagnosis);
   EXPECT_EQ(f->count, 1u);
+  m = mustRead(saveFile("a.obj", coloured + "usemtl red\nf 1 2 3\nusemtl blue\nf 1 3 4\nf 4 3 5\n"));
+  f = finding(m, "with a colour alone (material \"blue\" and 1 more)");
+  ASSERT_TRUE(f) << defects(m.diagnosis);
+  EXPECT_EQ(f->count, 3u);
   for (const char* none : {"usemtl grey\nf 1/1 2/1 3/1\n", "usemtl a\nf 1/1 2/1 3/1\n", "f 1 2 3\n"}) {
     m = mustRead(saveFile("a.obj", corners + none));
     EXPECT_FALSE(finding(m, "image") || finding(m, "colour")) << none << defects(m.diagnosis);
@@ -299,17 +321,21 @@ TEST(MeshFormats, ColoursThatAreNotReadAreFindings) {
   };
   const char* two = "comment TextureFile a.png\ncomment TextureFile b.png\n";
   m = mustRead(saveFile("two.ply", ply(two, "property int texnumber\n", "1|0|1")));
-  EXPECT_EQ(m.mesh.texture_path, (meshFolder() / "b.png").string());
-  f = finding(m, "triangles of further images (one is used: b.png)");
-  ASSERT_TRUE(f) << defects(m.diagnosis);
-  EXPECT_EQ(f->count, 1u);
+  EXPECT_EQ(imagePath(m.mesh), (meshFolder() / "b.png").string());
+  EXPECT_EQ(imagePath(m.mesh, 1), (meshFolder() / "a.png").string());
+  EXPECT_EQ(m.mesh.image_of, (std::vector<uint16_t>{0, 1, 0}));
+  EXPECT_FALSE(finding(m, "images")) << defects(m.diagnosis);
+  m = mustRead(saveFile("two.ply", ply(two, "property int texnumber\n", "1|0|-1")));
+  ASSERT_EQ(m.mesh.images.size(), 3u);
+  EXPECT_EQ(m.mesh.image_of, (std::vector<uint16_t>{1, 0, 2})) << "a face without an image is grey";
+  EXPECT_EQ(paletteOf(m.mesh), (std::vector<glm::u8vec3>{{204, 204, 204}}));
   m = mustRead(saveFile("two.ply", ply(two, "property int texnumber\n", "0|0|0")));
-  EXPECT_EQ(m.mesh.texture_path, (meshFolder() / "a.png").string());
+  EXPECT_EQ(imagePath(m.mesh), (meshFolder() / "a.png").string());
   EXPECT_FALSE(finding(m, "images")) << defects(m.diagnosis);
   m = mustRead(saveFile("two.ply", ply(two, "property int texnumber\n", "7|-1|2")));  // none of them
   EXPECT_TRUE(finding(m, "further images, without numbers")) << defects(m.diagnosis);
   m = mustRead(saveFile("two.ply", ply(two, "", "||")));
-  EXPECT_EQ(m.mesh.texture_path, (meshFolder() / "a.png").string());
+  EXPECT_EQ(imagePath(m.mesh), (meshFolder() / "a.png").string());
   EXPECT_TRUE(finding(m, "further images, without numbers")) << defects(m.diagnosis);
   EXPECT_EQ(m.named_files.size(), 2u);
   m = mustRead(saveFile("two.ply", ply("", "property uchar red\nproperty uchar green\nproperty uchar blue\n",
@@ -330,12 +356,14 @@ TEST(MeshFormats, TextureCoordinatesOutsideTheImage) {
                                             "\nusemtl m\nf 1/1 2/2 3/3\n"));
     };
     LoadedMesh m = obj("0 3.5");
-    EXPECT_EQ(m.mesh.texture_repeats, std::string(mtl) != "clamped");
+    const bool repeats = m.mesh.images.empty() ? m.mesh.texture_repeats : m.mesh.images[0].repeats;
+    EXPECT_EQ(repeats, std::string(mtl) != "clamped");
+    EXPECT_EQ(m.mesh.images.empty(), std::string(mtl) == "none");
     const MeshFinding* f = finding(m, "triangles with texture coordinates outside the image");
     ASSERT_TRUE(f) << defects(m.diagnosis);
     EXPECT_EQ(f->count, 1u);
     EXPECT_EQ(f->places_mm.size(), 1u);
-    EXPECT_EQ(f->done, m.mesh.texture_repeats ? "the image is repeated" : "the image's border goes on");
+    EXPECT_EQ(f->done, repeats ? "the image is repeated" : "the image's border goes on");
     for (const char* within : {"0 1", "0 1.00005", "-0.00005 1"})
       EXPECT_FALSE(finding(obj(within), "outside")) << within;
     EXPECT_TRUE(finding(obj("-0.001 1"), "outside"));
