@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <cmath>
 #include <functional>
+#include <iterator>
 #include <limits>
 #include <numbers>
 #include <numeric>
@@ -24,9 +25,17 @@
 // - it is connected to others, kLeastEdges or more, since chance joins few. The shortest real ones, around a peg or the
 //   base of a pyramid, have more.
 // Of a ball of 120,000 triangles whose normals are off by 6 to 60 degrees (root mean square) no edge is a crease.
-// No length is compared with another, so that long triangles count as short ones do. A vertex is split where creases
-// divide its triangles into several groups. The last vertex of a crease that flattens out is not, as the surface goes
-// around it.
+// Creases compare no lengths, so that long triangles count as short ones do. A vertex is split where
+// creases divide its triangles into several groups. The last vertex of a crease that flattens out is not, as the
+// surface goes around it.
+//
+// A reduced scan of a machined part has rims without such a gap: more sharp edges than kMostSharp, or walls of a few
+// skewed triangles. The plate around such a rim is known from the rest of it. A plate is kLeastPlate connected
+// triangles or more, each within kFlat of the next, some of them long beside the edges at their ends, because a plane
+// needs no vertices but on its rims. Lattices (heights in steps, marching cubes of few values) leave coplanar triangles
+// by chance, but few, or all as long as their neighbours; scans by lines have two long and two short edges at each
+// vertex. At a vertex with a sharp edge a plate keeps its normal up to the next sharp edge. What is smooth beside it
+// takes that normal, too: it is the one that a fillet begins with.
 namespace relievo {
 namespace {
 
@@ -39,6 +48,12 @@ constexpr float kBlunt = 25 * kDegrees;
 constexpr float kRest = 0.34f;  // a cylinder of twelve sides, 30 degrees between them, has rims of 90 degrees
 constexpr size_t kMostSharp = 4, kLeastEdges = 6;
 constexpr size_t kRoughShare = 4;  // at most a quarter of the neighbours
+// What a plate is. With kLong 2.5 to 3 no triangle is one of planes with noise in steps of half to twice the distance
+// of samples, of such planes scanned by lines, and of marching cubes of balls; with 2 many are.
+constexpr float kFlat = 0.5f * kDegrees;
+constexpr uint32_t kLeastPlate = 12;
+constexpr float kLong = 3;          // an edge within the plate, beside the third shortest one at its end
+constexpr uint32_t kLeastLong = 2;  // such ends
 // At the tip of a cone no edge is sharp, but no triangle faces along the mean either.
 constexpr float kTipStep = 20 * kDegrees, kTipSlope = 35 * kDegrees;
 
@@ -51,6 +66,7 @@ class Fan {
     uint32_t to;             // its other vertex
     uint32_t first, second;  // of the fan's triangles
     float angle;             // between their normals
+    float length;
   };
 
   void set(const TriMesh& mesh, uint32_t vertex, std::span<const uint32_t> triangles) {
@@ -72,7 +88,8 @@ class Fan {
       for (next = i + 1; next < ends_.size() && ends_[next].first == ends_[i].first;) ++next;
       if (next - i == 2) {
         const uint32_t a = ends_[i].second, b = ends_[i + 1].second;
-        spokes_.push_back({ends_[i].first, a, b, angleBetween(normals_[a], normals_[b])});
+        spokes_.push_back({ends_[i].first, a, b, angleBetween(normals_[a], normals_[b]),
+                           glm::distance(mesh.positions_mm[vertex], mesh.positions_mm[ends_[i].first])});
       }
     }
   }
@@ -202,25 +219,85 @@ bool findSuspects(const TriMesh& mesh, const VertexRanges& ranges, std::span<con
   });
 }
 
+// Sets of what has numbers that are far apart, such as the triangles of plates among all. numbers: in any order, also
+// several times.
+class JoinedSets {
+ public:
+  explicit JoinedSets(std::vector<uint32_t> numbers) : numbers_(std::move(numbers)) {
+    std::sort(numbers_.begin(), numbers_.end());
+    numbers_.erase(std::unique(numbers_.begin(), numbers_.end()), numbers_.end());
+    parent_.resize(numbers_.size());
+    std::iota(parent_.begin(), parent_.end(), 0u);
+  }
+  std::span<const uint32_t> numbers() const { return numbers_; }
+  // Less than numbers().size(); the same for all of a set.
+  uint32_t setOf(uint32_t number) {
+    auto i = static_cast<uint32_t>(std::lower_bound(numbers_.begin(), numbers_.end(), number) - numbers_.begin());
+    while (parent_[i] != i) i = parent_[i] = parent_[parent_[i]];
+    return i;
+  }
+  void join(uint32_t a, uint32_t b) {
+    a = setOf(a), b = setOf(b);
+    parent_[std::max(a, b)] = std::min(a, b);
+  }
+
+ private:
+  std::vector<uint32_t> numbers_, parent_;
+};
+
 // Leaves those edges that are connected to enough others.
 void dropShortCreases(std::vector<uint64_t>& edges) {
   std::vector<uint32_t> vertices;
   for (uint64_t e : edges) vertices.insert(vertices.end(), {static_cast<uint32_t>(e >> 32), static_cast<uint32_t>(e)});
-  std::sort(vertices.begin(), vertices.end());
-  vertices.erase(std::unique(vertices.begin(), vertices.end()), vertices.end());
-  std::vector<uint32_t> parent(vertices.size()), count(vertices.size(), 0);
-  std::iota(parent.begin(), parent.end(), 0u);
-  auto rootOf = [&](uint32_t vertex) {
-    auto i = static_cast<uint32_t>(std::lower_bound(vertices.begin(), vertices.end(), vertex) - vertices.begin());
-    while (parent[i] != i) i = parent[i] = parent[parent[i]];
-    return i;
+  JoinedSets creases(std::move(vertices));
+  for (uint64_t e : edges) creases.join(static_cast<uint32_t>(e >> 32), static_cast<uint32_t>(e));
+  std::vector<uint32_t> count(creases.numbers().size(), 0);
+  for (uint64_t e : edges) ++count[creases.setOf(static_cast<uint32_t>(e))];
+  std::erase_if(edges, [&](uint64_t e) { return count[creases.setOf(static_cast<uint32_t>(e))] < kLeastEdges; });
+}
+
+// plates: the triangles of plates, ascending, as far as they meet a vertex that is looked at. False: interrupted.
+bool findPlates(const TriMesh& mesh, const VertexRanges& ranges, std::span<const uint8_t> vertices,
+                std::vector<uint32_t>& plates) {
+  constexpr size_t kThirdShortest = 2;
+  struct Found {
+    Fan fan;
+    std::vector<std::array<uint32_t, 2>> flat;  // two triangles in one plane
+    std::vector<uint32_t> ends;                 // of long edges between two such triangles: one of these
+    std::vector<float> lengths;
   };
-  for (uint64_t e : edges) {
-    const uint32_t a = rootOf(static_cast<uint32_t>(e >> 32)), b = rootOf(static_cast<uint32_t>(e));
-    parent[std::max(a, b)] = std::min(a, b);
-  }
-  for (uint64_t e : edges) ++count[rootOf(static_cast<uint32_t>(e))];
-  std::erase_if(edges, [&](uint64_t e) { return count[rootOf(static_cast<uint32_t>(e))] < kLeastEdges; });
+  std::vector<Found> found(ranges.count());
+  const bool done = ranges.forEachFan(vertices, [&](size_t range, uint32_t v, std::span<const uint32_t> around) {
+    Found& f = found[range];
+    f.fan.set(mesh, v, around);
+    f.lengths.clear();
+    for (const Fan::Spoke& s : f.fan.spokes()) f.lengths.push_back(s.length);
+    f.lengths.resize(std::max(f.lengths.size(), kThirdShortest + 1), std::numeric_limits<float>::infinity());
+    std::nth_element(f.lengths.begin(), f.lengths.begin() + kThirdShortest, f.lengths.end());
+    const float long_length = kLong * f.lengths[kThirdShortest];
+    for (const Fan::Spoke& s : f.fan.spokes()) {
+      if (s.angle > kFlat) continue;
+      if (s.length >= long_length) f.ends.push_back(around[s.first]);
+      if (v < s.to || !vertices[s.to]) f.flat.push_back({around[s.first], around[s.second]});  // once for each edge
+    }
+  });
+  if (!done) return false;
+  size_t pairs = 0;
+  for (const Found& f : found) pairs += f.flat.size();
+  std::vector<uint32_t> triangles;
+  triangles.reserve(2 * pairs);
+  for (const Found& f : found)
+    for (const auto& pair : f.flat) triangles.insert(triangles.end(), pair.begin(), pair.end());
+  JoinedSets sets(std::move(triangles));
+  for (const Found& f : found)
+    for (const auto& [a, b] : f.flat) sets.join(a, b);
+  std::vector<uint32_t> count(sets.numbers().size(), 0), ends(count.size(), 0);
+  for (uint32_t t : sets.numbers()) ++count[sets.setOf(t)];
+  for (const Found& f : found)
+    for (uint32_t t : f.ends) ++ends[sets.setOf(t)];
+  std::copy_if(sets.numbers().begin(), sets.numbers().end(), std::back_inserter(plates),
+               [&](uint32_t t) { return count[sets.setOf(t)] >= kLeastPlate && ends[sets.setOf(t)] >= kLeastLong; });
+  return true;
 }
 
 struct Creases {
@@ -229,7 +306,7 @@ struct Creases {
 };
 // False: interrupted.
 bool findCreases(const TriMesh& mesh, const VertexRanges& ranges, std::span<const glm::vec3> normals,
-                 std::vector<uint8_t>& vertices, Creases& out) {
+                 std::vector<uint8_t> vertices, Creases& out) {
   std::vector<Creases> found(ranges.count());  // edges: once for each end that says so
   std::vector<Fan> fans(ranges.count());
   std::vector<uint8_t> rough(vertices.size(), 0);
@@ -273,17 +350,23 @@ struct SplitCorners {
   std::vector<std::array<uint32_t, 2>> corners;
   std::vector<glm::vec3> normals;
 };
-// False: interrupted.
-bool splitVertices(const TriMesh& mesh, const VertexRanges& ranges, const Creases& creases, SplitCorners& out) {
-  constexpr uint8_t kOnCrease = 1, kTip = 2;
+// suspect: as findSuspects() has it. False: interrupted.
+bool splitVertices(const TriMesh& mesh, const VertexRanges& ranges, const Creases& creases,
+                   std::span<const uint32_t> plates, std::span<const uint8_t> suspect, SplitCorners& out) {
+  constexpr uint8_t kOnSides = 1, kTip = 2;
   constexpr uint32_t kNoNormal = ~uint32_t{0};
   std::vector<uint8_t> wanted(mesh.positions_mm.size(), 0);
-  for (uint64_t e : creases.edges) wanted[e >> 32] = wanted[static_cast<uint32_t>(e)] = kOnCrease;
+  for (uint32_t t : plates)
+    for (uint32_t v : mesh.triangles[t])
+      if (suspect[v]) wanted[v] = kOnSides;
+  for (uint64_t e : creases.edges) wanted[e >> 32] = wanted[static_cast<uint32_t>(e)] = kOnSides;
   for (uint32_t v : creases.tips) wanted[v] = kTip;
   struct Work {
     SplitCorners found;
     Fan fan;
     std::vector<uint32_t> group;  // for each triangle of the fan, another one of its group; its first one: itself
+    std::vector<uint8_t> plate;   // is the triangle one of a plate's?
+    std::vector<uint8_t> plated;  // has the group such triangles? At its first one
     std::vector<glm::vec3> sums;  // of the groups, at their first triangles
     std::vector<uint32_t> name;   // and which of found.normals that is
   };
@@ -297,13 +380,24 @@ bool splitVertices(const TriMesh& mesh, const VertexRanges& ranges, const Crease
       while (w.group[i] != i) i = w.group[i] = w.group[w.group[i]];
       return i;
     };
-    if (wanted[v] == kOnCrease) {
-      bool divided = false;
+    auto join = [&](const Fan::Spoke& s) {
+      const uint32_t a = rootOf(s.first), b = rootOf(s.second);
+      w.group[std::max(a, b)] = std::min(a, b);
+    };
+    auto isCrease = [&](const Fan::Spoke& s) {
+      return std::binary_search(creases.edges.begin(), creases.edges.end(), edgeKey(v, s.to));
+    };
+    w.plate.assign(triangles.size(), 0);
+    w.plated.assign(triangles.size(), 0);
+    if (wanted[v] == kOnSides) {
       for (const Fan::Spoke& s : w.fan.spokes())
-        if (!std::binary_search(creases.edges.begin(), creases.edges.end(), edgeKey(v, s.to))) {
-          const uint32_t a = rootOf(s.first), b = rootOf(s.second);
-          w.group[std::max(a, b)] = std::min(a, b);
-        }
+        if (s.angle < kSharp && !isCrease(s)) join(s);
+      for (uint32_t i = 0; i < triangles.size(); ++i)
+        if (std::binary_search(plates.begin(), plates.end(), triangles[i])) w.plate[i] = w.plated[rootOf(i)] = 1;
+      // What is no plate is divided by creases alone.
+      for (const Fan::Spoke& s : w.fan.spokes())
+        if (!w.plated[rootOf(s.first)] && !w.plated[rootOf(s.second)] && !isCrease(s)) join(s);
+      bool divided = false;
       for (const Fan::Spoke& s : w.fan.spokes()) divided |= rootOf(s.first) != rootOf(s.second);
       if (!divided) return;
     }
@@ -313,6 +407,7 @@ bool splitVertices(const TriMesh& mesh, const VertexRanges& ranges, const Crease
       return t[0] == v ? 0u : t[1] == v ? 1u : 2u;
     };
     for (uint32_t i = 0; i < triangles.size(); ++i) {
+      if (w.plated[rootOf(i)] && !w.plate[i]) continue;
       const auto shares = cornerShares(mesh, mesh.triangles[triangles[i]]);
       w.sums[rootOf(i)] += shares[cornerOf(triangles[i])];
     }
@@ -344,15 +439,18 @@ bool makeCornerNormals(const TriMesh& mesh, int workers, const std::atomic<bool>
   out = {};
   if (!makeVertexNormals(mesh, workers, interrupted, out.normals)) return false;
   const VertexRanges ranges(mesh, workers, interrupted);
-  Creases creases;
+  SplitCorners found;
   {
     std::vector<uint8_t> suspect;
     if (!findSuspects(mesh, ranges, out.normals, suspect)) return false;
+    if (std::find(suspect.begin(), suspect.end(), 1) == suspect.end()) return true;
+    Creases creases;
     if (!findCreases(mesh, ranges, out.normals, suspect, creases)) return false;
+    std::vector<uint32_t> plates;
+    if (!findPlates(mesh, ranges, suspect, plates)) return false;
+    if (creases.edges.empty() && creases.tips.empty() && plates.empty()) return true;
+    if (!splitVertices(mesh, ranges, creases, plates, suspect, found)) return false;
   }
-  if (creases.edges.empty() && creases.tips.empty()) return true;
-  SplitCorners found;
-  if (!splitVertices(mesh, ranges, creases, found)) return false;
   if (found.corners.empty()) return true;
   const auto vertices = static_cast<uint32_t>(out.normals.size());
   out.normals.insert(out.normals.end(), found.normals.begin(), found.normals.end());

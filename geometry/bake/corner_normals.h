@@ -1,7 +1,9 @@
 // corner_normals.h - the normals that a scan is shaded with: one for each vertex, but at a crease (an edge between two
-// smooth parts, as of a machined plate) one for each side of it. A triangle's corners name them.
+// smooth parts, as of a machined plate) one for each side of it, and where a plate ends at something sharp the plate's
+// own. A triangle's corners name them.
 // Memory: 12 bytes a vertex; where there are creases a quarter of a byte a triangle, 12 bytes for each side of a vertex
-// on them and 12 for each triangle there. Const functions may be called from any thread. The result is the same for any
+// on them and 12 for each triangle there. While they are found, some 48 for each triangle in one plane with its
+// neighbour at a vertex with sharp edges. Const functions may be called from any thread. The result is the same for any
 // number of workers.
 #pragma once
 
