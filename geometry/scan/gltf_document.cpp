@@ -104,14 +104,13 @@ class Parser {
   Error error_;
 };
 
-// What is known: appearance alone, or read here. Extensions named KHR_materials_ are appearance, but for one that takes
-// the base colour's place.
+// What is known: appearance alone, or read here.
 bool knownExtension(const std::string& name) {
   for (const char* known :
        {"KHR_mesh_quantization", "KHR_draco_mesh_compression", "EXT_meshopt_compression", "KHR_texture_transform",
-        "KHR_lights_punctual", "KHR_xmp_json_ld", "KHR_xmp", "KHR_animation_pointer"})
+        "EXT_texture_webp", "KHR_lights_punctual", "KHR_xmp_json_ld", "KHR_xmp", "KHR_animation_pointer"})
     if (name == known) return true;
-  return name.starts_with("KHR_materials_") && name != "KHR_materials_pbrSpecularGlossiness";
+  return name.starts_with("KHR_materials_");
 }
 
 class DocumentParser {
@@ -260,6 +259,9 @@ class DocumentParser {
     p_.each(json_, "", "textures", [&](const Json& t, const std::string& where) {
       GltfTexture texture;
       texture.image = p_.index(t, where, "source", out_.images.size());
+      const Json* extensions = texture.image == kNoIndex ? p_.find(t, "extensions") : nullptr;
+      if (const Json* webp = extensions ? p_.find(*extensions, "EXT_texture_webp") : nullptr)
+        texture.image = p_.index(*webp, where + ".extensions.EXT_texture_webp", "source", out_.images.size());
       const uint32_t sampler = p_.index(t, where, "sampler", repeats.size());
       texture.repeats = p_.failed() || sampler == kNoIndex || repeats[sampler];
       out_.textures.push_back(texture);
@@ -271,17 +273,22 @@ class DocumentParser {
       GltfMaterial material;
       material.name = p_.text(m, where, "name");
       material.name.resize(std::min<size_t>(material.name.size(), 100));
-      if (const Json* pbr = p_.find(m, "pbrMetallicRoughness")) {
-        const std::string in = where + ".pbrMetallicRoughness";
-        std::array<double, 4> colour{};
-        if (p_.numbers(*pbr, in, "baseColorFactor", colour)) material.colour = {colour[0], colour[1], colour[2]};
-        if (const Json* texture = p_.find(*pbr, "baseColorTexture")) baseColour(*texture, in, material);
-      }
+      const Json* extensions = p_.find(m, "extensions");
+      if (const Json* gloss = extensions ? p_.find(*extensions, "KHR_materials_pbrSpecularGlossiness") : nullptr)
+        baseColour(*gloss, where + ".extensions.KHR_materials_pbrSpecularGlossiness", "diffuseFactor", "diffuseTexture",
+                   material);
+      else if (const Json* pbr = p_.find(m, "pbrMetallicRoughness"))
+        baseColour(*pbr, where + ".pbrMetallicRoughness", "baseColorFactor", "baseColorTexture", material);
       out_.materials.push_back(std::move(material));
     });
   }
-  void baseColour(const Json& texture, const std::string& in, GltfMaterial& material) {
-    const std::string where = in + ".baseColorTexture";
+  void baseColour(const Json& from, const std::string& in, const char* factor, const char* image,
+                  GltfMaterial& material) {
+    std::array<double, 4> colour{};
+    if (p_.numbers(from, in, factor, colour)) material.colour = {colour[0], colour[1], colour[2]};
+    if (const Json* texture = p_.find(from, image)) textureOf(*texture, in + "." + image, material);
+  }
+  void textureOf(const Json& texture, const std::string& where, GltfMaterial& material) {
     material.texture = p_.index(texture, where, "index", out_.textures.size());
     material.uv_set = static_cast<int>(p_.integer(texture, where, "texCoord", 255, 0));
     const Json* extensions = p_.find(texture, "extensions");

@@ -61,7 +61,7 @@ struct GltfTexture {
   bool repeats = true;
 };
 struct GltfMaterial {
-  glm::dvec3 colour{1};  // linear light
+  glm::dvec3 colour{1};  // linear light; the base colour, or the diffuse one of KHR_materials_pbrSpecularGlossiness
   uint32_t texture = kNoIndex;
   int uv_set = 0;
   // KHR_texture_transform: uv -> offset + turned(scale * uv).

@@ -3,6 +3,9 @@
 // meshoptimizer compressed, too). Safe for untrusted files: nothing is allocated that the file's length does not allow
 // for. Deterministic.
 //
+// Of several images (materials of OBJ and glTF, numbers of faces in PLY) each triangle names its own. What has none has
+// its vertices' colours, else its material's.
+//
 // Repaired: duplicate vertices (the same float from the origin; the first one's colour stays), degenerate and duplicate
 // triangles, triangles that run against their piece, closed pieces inside out (but for small holes, too), edges of more
 // than two triangles and vertices of several fans (split; the pieces stay where they are), pieces with one side only

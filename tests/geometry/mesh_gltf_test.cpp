@@ -294,6 +294,31 @@ TEST(MeshGltf, TheBaseColourImageIsNamedOrInTheFile) {
     }
 }
 
+// Where a material has the diffuse colour of specular and gloss, that is its base colour; a WebP image has a place of
+// its own.
+TEST(MeshGltf, ColoursMayStandInExtensions) {
+  Sample s = sheet(3, 2, 0.1);
+  decorate(s, 5);
+  s.colours.clear();
+  const std::string gloss =
+      "\"extensions\":{\"KHR_materials_pbrSpecularGlossiness\":{\"diffuseFactor\":[0.25,1,1,1],\"diffuseTexture\":{"
+      "\"index\":1}}},\"pbrMetallicRoughness\":{\"baseColorTexture\":{\"index\":0}}";
+  const std::string tail =
+      "],\"textures\":[{\"source\":0},{\"extensions\":{\"EXT_texture_webp\":{\"source\":1}}}],\"images\":[{\"uri\":"
+      "\"a.png\"},{\"uri\":\"b.webp\"}]";
+  const auto file = [&](const std::string& material, const char* required) {
+    return saveFile("a.gltf", replaced(gltfFile(s, ",\"materials\":[{" + material + "}" + tail), "{\"asset\"",
+                                       std::string("{\"extensionsRequired\":[\"") + required + "\"],\"asset\""));
+  };
+  const LoadedMesh m = mustRead(file(gloss, "KHR_materials_pbrSpecularGlossiness"));
+  ASSERT_EQ(m.mesh.images.size(), 1u);
+  EXPECT_EQ(imagePath(m.mesh), (meshFolder() / "b.webp").string());
+  EXPECT_EQ(m.mesh.images[0].tint, glm::vec3(0.25f, 1, 1));
+  const LoadedMesh plain = mustRead(file(gloss.substr(gloss.find("\"pbrMetallic")), "EXT_texture_webp"));
+  EXPECT_EQ(imagePath(plain.mesh), (meshFolder() / "a.png").string());
+  EXPECT_EQ(plain.mesh.images.at(0).tint, glm::vec3(1));
+}
+
 TEST(MeshGltf, TrianglesShowTheirMaterialsImagesAndColours) {
   Sample s = sheet(3, 2, 0.1);
   decorate(s, 5);

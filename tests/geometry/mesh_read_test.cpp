@@ -853,6 +853,16 @@ TEST(MeshRepairs, DegenerateAndDuplicateTrianglesAreDropped) {
   s.triangles.push_back({first[1], first[0], first[2]});  // the other way round
   decorate(s, 1);
   auto uv = s.corner_uv;
+  // The first degenerate one is moved before all others, which then move up.
+  TriMesh m = toMesh(s);
+  std::rotate(m.triangles.begin(), m.triangles.begin() + static_cast<std::ptrdiff_t>(sound), m.triangles.end());
+  std::rotate(m.corner_uv.begin(), m.corner_uv.begin() + static_cast<std::ptrdiff_t>(sound), m.corner_uv.end());
+  m.images.resize(m.triangles.size());
+  for (size_t t = 0; t < m.triangles.size(); ++t) m.image_of.push_back(static_cast<uint16_t>(t));
+  const LoadedMesh moved = mustRepair(m);
+  ASSERT_EQ(moved.mesh.image_of.size(), sound);
+  for (size_t t = 0; t < sound; ++t)
+    EXPECT_EQ(moved.mesh.corner_uv[t], m.corner_uv[moved.mesh.image_of[t]]) << "image and coordinates move together";
   LoadedMesh r = mustRepair(toMesh(s));
   EXPECT_EQ(found(r.diagnosis, "degenerate triangles"), 2u);
   EXPECT_EQ(found(r.diagnosis, "duplicate triangles"), 3u);
@@ -1107,7 +1117,17 @@ TEST(MeshRepairs, TJunctionsAreClosed) {
   for (auto& uv : s.corner_uv) uv = {glm::vec2(0), glm::vec2(0), glm::vec2(0)};
   for (size_t t = 8; t < 10; ++t)
     for (size_t k = 0; k < 3; ++k) s.corner_uv[t][k] = glm::vec2(s.positions[s.triangles[t][k]]) / 8.0f;
-  LoadedMesh r = mustRepair(toMesh(s));
+  TriMesh two_images = toMesh(s);
+  two_images.images.resize(2);
+  for (size_t t = 0; t < 10; ++t) two_images.image_of.push_back(t == 9 ? 1 : 0);
+  LoadedMesh r = mustRepair(two_images);
+  ASSERT_EQ(r.mesh.image_of.size(), 13u);
+  for (size_t t = 0; t < 13; ++t) {
+    float x = 0, y = 0;  // the quad's upper half is left of its diagonal
+    for (const uint32_t v : r.mesh.triangles[t]) x += r.mesh.positions_mm[v].x / 3, y += r.mesh.positions_mm[v].y / 3;
+    x += static_cast<float>(r.mesh.origin_mm.x), y += static_cast<float>(r.mesh.origin_mm.y);
+    EXPECT_EQ(r.mesh.image_of[t], x > 1 && y > x - 1 ? 1 : 0) << x << " " << y;
+  }
   EXPECT_EQ(found(r.diagnosis, "T-junctions"), 3u);
   EXPECT_EQ(r.diagnosis.pieces, 1u);
   EXPECT_EQ(r.diagnosis.border_loops, 1u);

@@ -256,6 +256,7 @@ TEST(MeshOrder, bringsNeighboursTogether) {
   EXPECT_TRUE(needsOrder(mesh));
   for (size_t t = 0; t < mesh.triangles.size(); ++t)
     mesh.corner_uv.push_back({glm::vec2(static_cast<float>(mesh.triangles[t][1]), 0)});
+  for (const auto& t : mesh.triangles) mesh.image_of.push_back(static_cast<uint16_t>(t[1] % 1000));
   // The part of the sphere's size that runs of a hundredth of all triangles take, on the mean.
   auto extent = [](const TriMesh& m) {
     double sum = 0;
@@ -276,7 +277,8 @@ TEST(MeshOrder, bringsNeighboursTogether) {
   EXPECT_FALSE(needsOrder(ordered));
   EXPECT_EQ(ordered.positions_mm, mesh.positions_mm);
   for (size_t t = 0; t < ordered.triangles.size(); ++t)
-    ASSERT_EQ(ordered.corner_uv[t][0].x, static_cast<float>(ordered.triangles[t][1]));
+    ASSERT_TRUE(ordered.corner_uv[t][0].x == static_cast<float>(ordered.triangles[t][1]) &&
+                ordered.image_of[t] == ordered.triangles[t][1] % 1000);
   auto sorted = [](TriMesh m) {
     std::sort(m.triangles.begin(), m.triangles.end());
     return m.triangles;

@@ -132,6 +132,110 @@ TEST_F(ScanInputs, AnImageInsideAGltfColoursIt) {
   EXPECT_FALSE(fs::exists(file("b.relievo")));
 }
 
+// A sheet of 120 x 60 mm in four strips: an image, another one, a colour, no material.
+TEST_F(ScanInputs, AnObjShowsAllOfItsMaterialsImagesAndColours) {
+  if (test::kSanitized) GTEST_SKIP() << "about figures; others build scans under the sanitizer";
+  const test::Sample s = test::sheet(12, 6, 10);
+  std::array<std::string, 4> faces{"usemtl a\n", "usemtl b\n", "usemtl c\n", "usemtl none\n"};
+  std::string obj = "mtllib some.mtl\n";
+  for (const glm::dvec3& p : s.positions)
+    obj += "v " + test::number(p.x) + " " + test::number(p.y) + " " + test::number(p.z) + "\nvt 0.5 0.5\n";
+  for (const auto& t : s.triangles) {
+    const double x = (s.positions[t[0]].x + s.positions[t[1]].x + s.positions[t[2]].x) / 3;
+    std::string face = "f";
+    for (const uint32_t v : t) face += " " + std::to_string(v + 1) + "/" + std::to_string(v + 1);
+    faces[static_cast<size_t>(x / 30)] += face + "\n";
+  }
+  for (const std::string& of_material : faces) obj += of_material;
+  write("some.obj", obj);
+  write("some.mtl", "newmtl a\nmap_Kd a.ppm\nnewmtl b\nmap_Kd b.ppm\nnewmtl c\nKd 0.1 0.2 1\n");
+  const auto image = [&](const std::string& name, int side, std::array<uint8_t, 3> c) {
+    std::string bytes = "P6\n" + std::to_string(side) + " " + std::to_string(side) + "\n255\n";
+    for (int i = 0; i < side * side; ++i) bytes.append(c.begin(), c.end());
+    write(name, bytes);
+  };
+  image("a.ppm", 4, {250, 10, 10});
+  image("b.ppm", 4, {10, 250, 10});
+  // The mean colour of the exported vertices in the middle of each strip.
+  using Colours = std::array<std::array<int, 3>, 4>;
+  const auto strips = [&](const std::string& options = "") {
+    const Json mesh = built("some.obj", options);
+    EXPECT_EQ(relievo("export " + file("a.relievo") + " -o " + file("out.off") + " --level 4").exit_code, 0);
+    std::ifstream in(file("out.off"));
+    std::string line;
+    Colours sums{};
+    std::array<int, 4> count{};
+    while (std::getline(in, line)) {
+      double x = 0, y = 0, z = 0;
+      std::array<int, 3> c{};
+      if (std::sscanf(line.c_str(), "%lf %lf %lf %d %d %d", &x, &y, &z, &c[0], &c[1], &c[2]) != 6) continue;
+      const auto strip = static_cast<size_t>(std::clamp(x / 30, 0.0, 3.0));
+      if (std::abs(x - 30 * static_cast<double>(strip) - 15) > 10) continue;
+      ++count[strip];
+      for (size_t k = 0; k < 3; ++k) sums[strip][k] += c[k];
+    }
+    for (size_t i = 0; i < 4; ++i)
+      for (int& channel : sums[i]) channel = (channel + count[i] / 2) / std::max(count[i], 1);
+    return sums;
+  };
+  const auto expectColours = [&](const Colours& found, const Colours& expected) {
+    for (size_t i = 0; i < 4; ++i)
+      for (size_t c = 0; c < 3; ++c) EXPECT_NEAR(found[i][c], expected[i][c], 3) << "strip " << i << "\n" << said_;
+  };
+  const std::array<int, 3> red{250, 10, 10}, green{10, 250, 10}, blue{26, 51, 255}, grey{204, 204, 204};
+  expectColours(strips(), {red, green, blue, grey});
+  EXPECT_EQ(said_.find("warning"), std::string::npos) << said_;
+  const std::string info = relievo("info " + file("a.relievo")).output;
+  EXPECT_NE(info.find("source    a.ppm"), std::string::npos) << info;
+  EXPECT_NE(info.find("source    b.ppm"), std::string::npos) << info;
+  // One for all.
+  image("c.ppm", 4, {90, 100, 110});
+  const std::array<int, 3> other{90, 100, 110};
+  expectColours(strips("--texture " + file("c.ppm")), {other, other, other, other});
+  // Together more than the memory's third: all of them smaller.
+  image("a.ppm", 3000, {250, 10, 10});
+  image("b.ppm", 1000, {10, 250, 10});
+  expectColours(strips("--memory-mib 84"), {red, green, blue, grey});
+  EXPECT_NE(said_.find("its 2 images are read at 1/2 of their width and height"), std::string::npos) << said_;
+  // One that is not there is told, and grey; without any there is an error.
+  fs::remove(file("b.ppm"));
+  expectColours(strips(), {red, grey, blue, grey});
+  EXPECT_NE(said_.find("b.ppm: not found; what shows it is grey"), std::string::npos) << said_;
+  fs::remove(file("a.ppm"));
+  const Outcome r = relievo("build --mesh " + file("some.obj") + " -o " + file("b.relievo"));
+  EXPECT_EQ(r.exit_code, 2) << r.output;
+  EXPECT_NE(r.output.find("--texture none"), std::string::npos) << r.output;
+  EXPECT_FALSE(fs::exists(file("b.relievo")));
+}
+
+// A material's factor multiplies its image in linear light.
+TEST_F(ScanInputs, AGltfsFactorMultipliesItsImage) {
+  if (test::kSanitized) GTEST_SKIP() << "about figures; others build scans under the sanitizer";
+  test::Sample s = test::sheet(4, 4, 0.01);
+  s.corner_uv.assign(s.triangles.size(), {glm::vec2(0.5f), glm::vec2(0.5f), glm::vec2(0.5f)});
+  const std::string picture = std::string("P6\n1 1\n255\n") + "\xff\xc8\x64";
+  write("a.gltf", test::gltfFile(s,
+                                 ",\"materials\":[{\"pbrMetallicRoughness\":{\"baseColorFactor\":[0.5,1,0,1],"
+                                 "\"baseColorTexture\":{\"index\":0}}}],\"textures\":[{\"source\":0}],\"images\":[{"
+                                 "\"uri\":\"data:image/x-portable-pixmap;base64," +
+                                     test::base64(picture) + "\"}]"));
+  built("a.gltf");
+  EXPECT_EQ(relievo("export " + file("a.relievo") + " -o " + file("out.off") + " --level 2").exit_code, 0);
+  std::ifstream in(file("out.off"));
+  std::string line;
+  int vertices = 0;
+  while (std::getline(in, line)) {
+    double x = 0, y = 0, z = 0;
+    int r = 0, g = 0, b = 0;
+    if (std::sscanf(line.c_str(), "%lf %lf %lf %d %d %d", &x, &y, &z, &r, &g, &b) != 6) continue;
+    ++vertices;
+    EXPECT_NEAR(r, 188, 1);  // sRGB of 0.5
+    EXPECT_NEAR(g, 200, 1);
+    EXPECT_EQ(b, 0);
+  }
+  EXPECT_GT(vertices, 9);
+}
+
 // The project's own .glb is read as it was written, in the scan's own mm.
 TEST_F(ScanInputs, AnExportedGlbCanBeBuiltAgain) {
   if (test::kSanitized) GTEST_SKIP() << "about figures; others build scans under the sanitizer";
