@@ -109,7 +109,7 @@ bool chooseTextureResolution(const BakeContext& context, int requested_depth, Ba
       PatchResolution& r = texture.of_patch[p];
       r.plain = has_palette && !across.shown;
       if (requested_depth < 0 && across.shown) r.depth = depthFor(across);
-      r.sample_grid_log2 = std::max(grid_log2, log2Above(2 * across.densest));
+      r.sample_grid_log2 = std::max(grid_log2, log2Above(across.densest));
     });
     if (!whole) return false;
     if (requested_depth < 0) texture.depth = deepestOf(texture.of_patch, kMostImageTexels);

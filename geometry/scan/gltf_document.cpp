@@ -115,7 +115,7 @@ bool knownExtension(const std::string& name) {
 
 class DocumentParser {
  public:
-  DocumentParser(const Json& json, const std::string& path) : json_(json), path_(path), p_(path) {}
+  DocumentParser(const Json& json, const std::string& path) : json_(json), p_(path) {}
 
   Result<GltfDocument> parse() {
     if (!json_.is_object()) p_.note("expected a JSON object", "this is no glTF file");
@@ -406,7 +406,6 @@ class DocumentParser {
   }
 
   const Json& json_;
-  const std::string& path_;
   Parser p_;
   GltfDocument out_;
 };

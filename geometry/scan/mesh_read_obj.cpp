@@ -171,7 +171,6 @@ class ObjReader {
   }
   void textureVertex(std::string_view text) {
     if (!first_without_uv_.empty()) return in_.note(first_without_uv_);
-    glm::vec2 uv(0);
     std::string_view u = nextItem(text), v = nextItem(text);
     double x = 0, y = 0;
     if (!parseNumber(u, x) || (!v.empty() && v.front() != '#' && !parseNumber(v, y)))
