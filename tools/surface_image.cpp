@@ -8,6 +8,8 @@
 #include <cerrno>
 #include <cstring>
 #include <filesystem>
+#include <set>
+#include <string>
 #include <utility>
 #include <vector>
 
@@ -168,7 +170,8 @@ class TextureReader {
     for (int k = 0; k < halvings_ && !palette; ++k) halve(image);
     out_.images.push_back({.repeats = own.repeats, .palette = palette});
     out_.pixels.push_back(std::move(image));
-    if (!own.path.empty()) out_.sources.push_back(FileProvenance(own.path, true).get());
+    if (!own.path.empty() && paths_.insert(own.path).second)
+      out_.sources.push_back(FileProvenance(own.path, true).get());
     const uint64_t most = std::max(a_.package.memory_budget_bytes / 3, a_.images.decodedLimit());
     while (out_.images.size() > 1 && bytes() > most && halvings_ < kMostHalvings) {
       ++halvings_;
@@ -198,6 +201,7 @@ class TextureReader {
   const MeshBuildArguments& a_;
   const TriMesh& mesh_;
   SurfaceImage out_;
+  std::set<std::string> paths_;
   size_t read_ = 0, missing_ = 0, with_alpha_ = 0;
   Error first_missing_;
   std::string first_with_alpha_;
