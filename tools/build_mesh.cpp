@@ -342,6 +342,7 @@ Result<void> MeshBuild::bake(int cells_log2) {
   if (base_kind_ == BaseKind::kFaces) bake_options.touch_mm = kHalfOfCell * baseStep() + kRounding * diagonal;
   bake_options.workers = a_.package.workers;
   bake_options.errors = false;
+  bake_options.tail_textures = a_.texture_tolerance >= 0;
   bake_options.cells_log2 = cells_log2;
   bake_options.fit = cells_log2 < 0;
   // Far off, most of a bake would go to a fit that hardly helps: not where patches of the scan's own triangles come

@@ -23,7 +23,7 @@ struct SampleGrid {
   bool per_texel;
   size_t cells, row;
   SampleGrid(const PatchResolution& resolution)
-      : side(size_t{kPagePx} << resolution.depth),
+      : side(texelsASide(resolution.depth)),
         per_texel((size_t{1} << resolution.sample_grid_log2) >= side),
         cells(per_texel ? side : size_t{1} << resolution.sample_grid_log2),
         row(per_texel ? side : cells + 1) {}
@@ -136,7 +136,7 @@ glm::vec2 TexelBaker::textureCoordinatesAt(const SurfacePoint& at) const {
 // parts of the image.
 bool TexelBaker::bakePlanes(const PatchLines& lines, std::span<uint8_t> out) const {
   const uint32_t patch = lines.patch();
-  const size_t side = size_t{kPagePx} << texture.of_patch[patch].depth;
+  const size_t side = texelsASide(texture.of_patch[patch].depth);
   const MipImage& image = texture.images[0].texels;
   const auto channels = static_cast<size_t>(image.channels());
   const auto& c = context.base.patches[patch];

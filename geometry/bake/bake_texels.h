@@ -1,5 +1,6 @@
 // bake_texels.h - the texture of a patch: the scan's colours and normals, or the channels of its image.
-// Shape: a patch has 128 << its depth texels a side; one plane for each channel, rows of v from 0. Const: any thread.
+// Shape: a patch has texelsASide(its depth) texels a side; one plane for each channel, rows of v from 0. Const: any
+// thread.
 #pragma once
 
 #include <cstdint>

@@ -200,7 +200,8 @@ Result<std::unique_ptr<MeshBake>> MeshBake::create(const TriMesh& mesh, std::spa
   auto baked = searchHeights(impl->context, options, impl->report);
   if (!baked) return baked.error();
   impl->baked = std::move(*baked);
-  if (!chooseTextureResolution(impl->context, options.texture_depth, impl->texture)) return interruptedError();
+  if (!chooseTextureResolution(impl->context, options.texture_depth, options.tail_textures, impl->texture))
+    return interruptedError();
   impl->report.texture_depth = impl->texture.depth;
   impl->always_errors = options.errors;
   if (options.errors && !impl->findErrors([&](double done) { progress(0.9 + 0.1 * done); })) return interruptedError();

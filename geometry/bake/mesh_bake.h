@@ -53,7 +53,10 @@ struct BakeOptions {
   // measured, and may be dropped.
   bool errors = true;
   int texture_depth = -1;  // a patch has 128 << this texels a side; -1: each is as fine as the colours there
-  int workers = 0;         // 0: one for each core
+  // With -1 and an image: patches that it has few texels on have 16 a side, those of a tail (textureDepthOf() is then
+  // kNoTexturePage).
+  bool tail_textures = false;
+  int workers = 0;  // 0: one for each core
   std::function<void(double /*0..1*/)> progress;
   const std::atomic<bool>* interrupted = nullptr;  // also stops texels()
 };
@@ -129,7 +132,7 @@ class MeshBake {
   // 7, values between samples are interpolated on the cells' triangles, with the same rounding from both sides of a
   // patch's border.
   int textureDepth() const;
-  int textureDepthOf(uint32_t patch) const;
+  int textureDepthOf(uint32_t patch) const;  // or kNoTexturePage
   int reliefDepth() const;
   double reliefOffsetMm() const;
   double reliefScaleMm() const;

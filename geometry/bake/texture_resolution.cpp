@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <array>
+#include <bit>
 #include <cmath>
 #include <cstdint>
 #include <vector>
@@ -22,7 +23,30 @@ constexpr int kMostDepth = 5;  // a patch's texels are held in memory
 // densest one; and how many lie on it.
 struct TexelsAcross {
   double most = 0, densest = 0, on_patch = 0;
-  bool shown = false;  // some place shows an image
+  bool shown = false;    // some place shows an image
+  bool creased = false;  // the places' triangles lie on both sides of a crease
+};
+// Normals further apart than those that patches of few triangles smooth over.
+class CreaseFinder {
+ public:
+  explicit CreaseFinder(const BakeContext& context) : c_(context) {}
+  void add(uint32_t triangle) {
+    if (triangle == last_ || !c_.normals->isSplit(triangle)) return;
+    last_ = triangle;
+    for (const uint32_t corner : c_.normals->ofTriangle(*c_.mesh, triangle)) {
+      const glm::vec3& n = c_.normals->normals[corner];
+      if (first_ == glm::vec3(0)) first_ = n;
+      found_ = found_ || glm::dot(first_, n) < kCosine;
+    }
+  }
+  bool found() const { return found_; }
+
+ private:
+  static constexpr float kCosine = 0.9659f;  // 15 degrees
+  const BakeContext& c_;
+  uint32_t last_ = ~uint32_t{0};
+  glm::vec3 first_{0};
+  bool found_ = false;
 };
 TexelsAcross imageTexelsAcross(const BakeContext& context, const BakeTexture& texture, uint32_t patch) {
   constexpr size_t kPlaces = 5;  // a side
@@ -32,10 +56,12 @@ TexelsAcross imageTexelsAcross(const BakeContext& context, const BakeTexture& te
   std::array<double, kPlaces * kPlaces> across{};
   double on_patch = 0;
   bool shown = false;
+  CreaseFinder creases(context);
   for (size_t i = 0; i < across.size(); ++i) {
     const double u = (static_cast<double>(i % kPlaces) + 0.5) / kPlaces,
                  v = (static_cast<double>(i / kPlaces) + 0.5) / kPlaces;
     const SurfacePoint at = context.scene->closestPoint(context.patchPoint(patch, u, v).position);
+    creases.add(at.triangle);
     const BakeTexture::Image* image = texture.imageOf(*context.mesh, at.triangle);
     if (!image || image->palette) continue;
     shown = true;
@@ -56,16 +82,17 @@ TexelsAcross imageTexelsAcross(const BakeContext& context, const BakeTexture& te
     on_patch += std::abs(along_u.x * along_v.y - along_u.y * along_v.x) / static_cast<double>(across.size());
   }
   std::sort(across.begin(), across.end());
-  return {across[static_cast<size_t>(kMost * across.size())], across.back(), on_patch, shown};
+  return {across[static_cast<size_t>(kMost * across.size())], across.back(), on_patch, shown, creases.found()};
 }
 
 int log2Above(double value) { return value > 1 ? static_cast<int>(std::ceil(std::log2(std::min(value, 0x1p30)))) : 0; }
 
-int depthFor(const TexelsAcross& image) {
+int depthFor(const TexelsAcross& image, bool tails) {
   // A texel is at most so many of the image's long; but a patch has at most so many for each of the image's, where
   // these are stretched.
   constexpr double kLongest = 1.42, kMostForEach = 8;
   const double across = std::min(image.most / kLongest, std::sqrt(kMostForEach * image.on_patch));
+  if (tails && !image.creased && across <= kTailTexels && image.densest <= 2 * kTailTexels) return kNoTexturePage;
   return std::clamp(log2Above(across) - kPageCellsLog2, 0, kMostDepth);
 }
 
@@ -75,7 +102,10 @@ int deepestOf(const std::vector<PatchResolution>& of_patch, uint64_t most_texels
   for (const PatchResolution& r : of_patch) depth = std::max(depth, r.depth);
   for (; depth > 0; --depth) {
     uint64_t texels = 0;
-    for (const PatchResolution& r : of_patch) texels += uint64_t{1} << 2 * (kPageCellsLog2 + std::min(r.depth, depth));
+    for (const PatchResolution& r : of_patch) {
+      const uint64_t side = texelsASide(std::min(r.depth, depth));
+      texels += side * side;
+    }
     if (texels <= most_texels) break;
   }
   return depth;
@@ -83,7 +113,7 @@ int deepestOf(const std::vector<PatchResolution>& of_patch, uint64_t most_texels
 
 }  // namespace
 
-bool chooseTextureResolution(const BakeContext& context, int requested_depth, BakeTexture& texture) {
+bool chooseTextureResolution(const BakeContext& context, int requested_depth, bool tails, BakeTexture& texture) {
   const double vertices = static_cast<double>(context.mesh->positions_mm.size()),
                patches = static_cast<double>(context.layout.patches);
   const auto is_palette = [](const BakeTexture::Image& image) { return image.palette; };
@@ -103,12 +133,14 @@ bool chooseTextureResolution(const BakeContext& context, int requested_depth, Ba
   }
   texture.of_patch.assign(context.layout.patches, {depth, grid_log2, has_palette && !has_image});
   texture.depth = depth;
+  // Normals are sampled no more densely there than tails have texels.
+  tails = tails && !texture.planes && grid_log2 <= kTailCellsLog2;
   if (has_image) {
     const bool whole = parallelFor(context.layout.patches, context.workers, context.interrupted, [&](size_t p) {
       const TexelsAcross across = imageTexelsAcross(context, texture, static_cast<uint32_t>(p));
       PatchResolution& r = texture.of_patch[p];
       r.plain = has_palette && !across.shown;
-      if (requested_depth < 0 && across.shown) r.depth = depthFor(across);
+      if (requested_depth < 0 && across.shown) r.depth = depthFor(across, tails);
       r.sample_grid_log2 = std::max(grid_log2, log2Above(across.densest));
     });
     if (!whole) return false;
@@ -116,7 +148,7 @@ bool chooseTextureResolution(const BakeContext& context, int requested_depth, Ba
   }
   for (PatchResolution& r : texture.of_patch) {
     r.depth = std::min(r.depth, texture.depth);
-    r.sample_grid_log2 = std::min(r.sample_grid_log2, kPageCellsLog2 + r.depth);
+    r.sample_grid_log2 = std::min(r.sample_grid_log2, std::countr_zero(texelsASide(r.depth)));
   }
   return true;
 }

@@ -13,6 +13,7 @@
 #include <utility>
 #include <vector>
 
+#include "src/artwork/base_mesh.h"
 #include "src/artwork/node_id.h"
 
 namespace relievo {
@@ -105,6 +106,10 @@ struct FlatDomain : PatchMeasures, FlatExtent {
 // kNoTexturePage: its tail (texturing/package/patch_tails.h) shows all that there is.
 using TextureDepths = std::vector<int8_t>;
 inline constexpr int8_t kNoTexturePage = -1;
+// Texels along a side of a patch at a level of its texture; at kNoTexturePage those of its tail.
+constexpr size_t texelsASide(int level) {
+  return level == kNoTexturePage ? size_t{kTailTexels} : size_t{kPagePx} << level;
+}
 
 class PatchDomain : public PatchMeasures {
  public:

@@ -1372,5 +1372,57 @@ TEST(MeshBake, trianglesShowTheirOwnImages) {
   EXPECT_EQ(fewer.error().kind, ErrorKind::kUsage);
 }
 
+// Patches with few of an image's texels have a tail's alone, where their normals need no more.
+TEST(MeshBake, fewTexelsOfAnImageAreATails) {
+  auto sheet = [](int nx, int ny, double slope) {
+    TriMesh mesh = sheetMesh(30, 10, nx, ny, [&](double x, double) { return slope * std::max(x - 15, 0.0); });
+    for (const auto& t : mesh.triangles) {
+      auto& uv = mesh.corner_uv.emplace_back();
+      for (size_t k = 0; k < 3; ++k) uv[k] = {mesh.positions_mm[t[k]].x / 30, 1 + mesh.positions_mm[t[k]].y / 10};
+    }
+    return mesh;
+  };
+  std::vector<uint8_t> image;
+  for (int i = 0; i < 36 * 12; ++i)
+    image.insert(image.end(), {static_cast<uint8_t>(7 * (i % 36)), static_cast<uint8_t>(20 * (i / 36)), 9});
+  auto depths = [&](const TriMesh& mesh, const BaseMesh& base, int width, bool tails) {
+    BakeOptions options{.cells_log2 = 3, .fit = false};
+    options.tail_textures = tails;
+    const std::vector<uint8_t> texels(image.begin(), image.begin() + static_cast<std::ptrdiff_t>(3 * 12 * width));
+    const auto baked = bake(mesh, base, options, {{width, 12, width == 36 ? image : texels}});
+    std::vector<int> out;
+    for (uint32_t p = 0; p < base.patches.size(); ++p) out.push_back(baked->textureDepthOf(p));
+    EXPECT_EQ(baked->textureDepth(), 0);
+    return out;
+  };
+  using Depths = std::vector<int>;
+  constexpr int kTail = kNoTexturePage;
+  const BaseMesh base = sheetBase(30, 10, 3, 1);
+  EXPECT_EQ(depths(sheet(6, 2, 0), base, 36, true), (Depths{kTail, kTail, kTail}));
+  EXPECT_EQ(depths(sheet(6, 2, 0), base, 36, false), (Depths{0, 0, 0})) << "unless it is allowed";
+  EXPECT_EQ(depths(sheet(30, 10, 0), base, 36, true), (Depths{0, 0, 0})) << "normals may need more";
+  const BaseMesh rows = sheetBase(30, 10, 3, 2);
+  EXPECT_EQ(depths(sheet(6, 8, 0), rows, 36, true), Depths(6, kTail));
+  EXPECT_EQ(depths(sheet(6, 8, 1), rows, 36, true), (Depths{kTail, 0, kTail, kTail, 0, kTail})) << "a crease does";
+  // Its texels are the image's at their centres.
+  BakeOptions options{.cells_log2 = 3, .fit = false};
+  options.tail_textures = true;
+  const TriMesh coarse = sheet(6, 2, 0);
+  const auto baked = bake(coarse, base, options, {{36, 12, image}});
+  ASSERT_TRUE(baked);
+  constexpr size_t kSide = kTailTexels;
+  std::vector<uint8_t> texels(6 * kSide * kSide);
+  for (uint32_t p = 0; p < 3; ++p) {
+    ASSERT_TRUE(baked->texels(p, texels));
+    for (size_t i = 0; i < kSide * kSide; ++i) {
+      const double x = std::clamp(12 * (p + (static_cast<double>(i % kSide) + 0.5) / kSide) - 0.5, 0.0, 35.0),
+                   y = std::clamp(12 * (static_cast<double>(i / kSide) + 0.5) / kSide - 0.5, 0.0, 11.0);
+      ASSERT_NEAR(texels[i], 7 * x, 1.01) << p << " " << i;
+      ASSERT_NEAR(texels[kSide * kSide + i], 20 * y, 1.01) << p << " " << i;
+      ASSERT_EQ(texels[5 * kSide * kSide + i], 255) << "facing up";
+    }
+  }
+}
+
 }  // namespace mesh_bake_test
 }  // namespace relievo

@@ -494,6 +494,98 @@ TEST(TextureDepths, PatchesHaveAsManyLevelsAsTheirTexelsAreTold) {
   EXPECT_GT(interpolated, 20);
 }
 
+// A ball of which every third patch is told in a tail's texels alone. noise: these are of any colour.
+class ToldAsTails final : public NoisyPatches {
+ public:
+  explicit ToldAsTails(bool of_their_own, bool noise)
+      : NoisyPatches(cubeSphere(3, 100, kSeed), 0, 0, kSeed), of_their_own_(of_their_own), noise_(noise) {}
+  static bool isTail(uint32_t patch) { return patch % 3 == 1; }
+  int textureDepthOf(uint32_t patch) const override { return of_their_own_ && isTail(patch) ? kNoTexturePage : 0; }
+  uint16_t height(uint32_t /*patch*/, int /*x*/, int /*y*/) const override { return 27'306; }  // about 0 mm
+  Result<void> texels(uint32_t patch, std::span<uint8_t> out) const override {
+    const size_t side = texelsASide(textureDepthOf(patch));
+    EXPECT_EQ(out.size(), 6 * side * side);
+    for (size_t i = 0; i < out.size(); ++i) {
+      const size_t x = i % side, y = i / side % side, c = i / (side * side);
+      const auto centre = [&](size_t k) { return (static_cast<double>(k) + 0.5) / static_cast<double>(side); };
+      const glm::dvec3 at = base().point(patch, centre(x), centre(y));
+      const double off = noise_ && isTail(patch) ? static_cast<double>(mixBits(i + 97 * patch) % 81) - 40 : 0;
+      out[i] = static_cast<uint8_t>(std::lround(128 + 0.4 * at[static_cast<int>(c % 3)] + off));
+    }
+    return {};
+  }
+
+ private:
+  bool of_their_own_, noise_;
+};
+TEST(TextureDepths, APatchMayBeToldInItsTailsTexelsAlone) {
+  ScratchFolder folder;
+  const ToldAsTails source(true, true);
+  BuildOptions exact = optionsOf(folder.file("a.relievo"), kTolerance);
+  exact.rounded_tails = false;
+  ASSERT_TRUE(buildPatchPackage(source, exact).ok());
+  const auto package = *Package::open(exact.output),
+             rounded = built(folder.file("rounded.relievo"), source, kTolerance),
+             all_levels = built(folder.file("all.relievo"), source, -1);
+  const PatchDomain& d = package->manifest().domain;
+  const PatchTails tails = package->tails(1, nullptr), rounded_tails = rounded->tails(1, nullptr);
+  std::vector<uint8_t> told(6 * kTailTexels * kTailTexels), slot(kSlotBytes);
+  PageDecoder decoder;
+  int changed = 0;
+  for (uint32_t p = 0; p < d.patchCount(); ++p) {
+    if (!ToldAsTails::isTail(p)) continue;
+    EXPECT_EQ(d.textureDepthOf(p), kNoTexturePage) << p;
+    ASSERT_TRUE(source.texels(p, told));
+    for (size_t i = 0; i < told.size(); ++i) {
+      const size_t texel = i % (kTailTexels * kTailTexels);
+      const int channel = static_cast<int>(i / (kTailTexels * kTailTexels));
+      ASSERT_EQ(tails.level(p, 0, channel)[texel], told[i]) << p;
+      const int off = std::abs(rounded_tails.level(p, 0, channel)[texel] - told[i]);
+      ASSERT_LE(off, channel < 3 ? kTolerance : kTolerance * kNormalTolerance);
+      changed += off > 0;
+    }
+    // The next level is the mean of four.
+    const int mean = (told[0] + told[1] + told[kTailTexels] + told[kTailTexels + 1] + 2) / 4;
+    EXPECT_NEAR(tails.level(p, 1, 3)[0],
+                (told[768] + told[769] + told[768 + kTailTexels] + told[769 + kTailTexels] + 2) / 4, 6);
+    EXPECT_NEAR(tails.level(p, 1, 0)[0], mean, 8) << "in linear light";
+    // Without a tolerance there is a page, of what a bilinear filter shows.
+    const PageId id(texturePlane(0), {p, 0, 0, 0});
+    const auto page = all_levels->read(id);
+    ASSERT_TRUE(page.ok() && decoder.decodeToSlot(id.plane(), page->bytes, slot).ok());
+    for (const size_t y : {size_t{0}, size_t{3}, size_t{64}, size_t{101}})
+      for (size_t x = 0; x < kPagePx; ++x) {
+        const auto place = [](size_t k) {
+          return std::clamp((static_cast<double>(k) + 0.5) / 8 - 0.5, 0.0, kTailTexels - 1.0);
+        };
+        const double u = place(x), v = place(y);
+        const size_t x0 = std::min<size_t>(static_cast<size_t>(u), kTailTexels - 2),
+                     y0 = std::min<size_t>(static_cast<size_t>(v), kTailTexels - 2);
+        const double fx = u - static_cast<double>(x0), fy = v - static_cast<double>(y0);
+        const auto at = [&](size_t i, size_t j) { return static_cast<double>(told[(y0 + j) * kTailTexels + x0 + i]); };
+        const double shown =
+            (at(0, 0) * (1 - fx) + at(1, 0) * fx) * (1 - fy) + (at(0, 1) * (1 - fx) + at(1, 1) * fx) * fy;
+        const size_t texel = (y + kPageBorderPx) * kPageFullPx + x + kPageBorderPx;
+        ASSERT_NEAR(slot[4 * texel], shown, 0.51) << p << " " << x << " " << y;
+      }
+  }
+  EXPECT_GT(changed, 100) << "control: tails are rounded";
+  // Beside them pages hold what they show: of a smooth ball, what it is when all patches are told in a page's texels.
+  const auto smooth = built(folder.file("smooth.relievo"), ToldAsTails(true, false), -1),
+             whole = built(folder.file("whole.relievo"), ToldAsTails(false, false), -1);
+  std::vector<uint8_t> as_told(kSlotBytes);
+  int furthest = 0;
+  for (uint32_t p = 0; p < d.patchCount(); ++p) {
+    const PageId id(texturePlane(0), {p, 0, 0, 0});
+    const auto page = smooth->read(id), full = whole->read(id);
+    ASSERT_TRUE(page.ok() && decoder.decodeToSlot(id.plane(), page->bytes, as_told).ok());
+    ASSERT_TRUE(full.ok() && decoder.decodeToSlot(id.plane(), full->bytes, slot).ok());
+    for (size_t i = 0; i < slot.size(); ++i)
+      if (i % 4 != 3) furthest = std::max(furthest, std::abs(slot[i] - as_told[i]));
+  }
+  EXPECT_LE(furthest, 3);
+}
+
 // Older readers know tails as differences: packages for them hold the same, in more bytes.
 TEST(TextureDepths, VersionsFourAndFiveHoldTheSameTails) {
   ScratchFolder folder;

@@ -27,10 +27,10 @@ inline constexpr int kGutterPx = kPageBorderPx;
 
 // Where a patch's levels, up to its own depth, and strips lie in what is kept of it, in bytes. Level kTail is the
 // tail's finest.
-inline constexpr int kTail = -1;
+inline constexpr int kTail = kNoTexturePage;
 struct PatchStore {
   int channels, depth;
-  static uint64_t side(int level) { return level == kTail ? uint64_t{kTailTexels} : uint64_t{kPagePx} << level; }
+  static uint64_t side(int level) { return texelsASide(level); }
   uint64_t levelOffset(int level) const {
     uint64_t texels = 0;
     for (int l = kTail; l < level; ++l) texels += side(l) * side(l);

@@ -24,7 +24,8 @@ class PatchSource {
   // Of the lattice that its corners' positions lie on (onLattice()); 0: of none.
   virtual double baseStepMm() const { return 0; }
   virtual int textureDepth() const = 0;  // the largest of all patches
-  // What finer levels of the patch show is what a bilinear filter makes of this one.
+  // What finer levels of the patch show is what a bilinear filter makes of this one. kNoTexturePage: its tail's texels
+  // are all that there is.
   virtual int textureDepthOf(uint32_t /*patch*/) const { return textureDepth(); }
   virtual int reliefDepth() const = 0;
   virtual TextureFormat format() const = 0;
@@ -36,9 +37,8 @@ class PatchSource {
   virtual std::vector<Provenance> provenance() const = 0;
 
   // The following are const and thread-safe.
-  // Channel-major, rows of v from 0: out[(c * P + y) * P + x], P = 128 << textureDepthOf(patch), texel centres at (x +
-  // 1/2, y
-  // + 1/2) / P.
+  // Channel-major, rows of v from 0: out[(c * P + y) * P + x], P = texelsASide(textureDepthOf(patch)), texel centres at
+  // (x + 1/2, y + 1/2) / P.
   virtual Result<void> texels(uint32_t patch, std::span<uint8_t> out) const = 0;
   // Rows of v from 0: out[y * (R + 1) + x], R = 128 << reliefDepth(), samples at (x, y) / R. Samples on a side that two
   // patches share are the same from both; those at a shared corner are the same from all.

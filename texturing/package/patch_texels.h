@@ -4,9 +4,11 @@
 
 #include <algorithm>
 #include <array>
+#include <bit>
 #include <cmath>
 #include <cstdint>
 #include <cstring>
+#include <iterator>
 #include <memory>
 #include <span>
 #include <utility>
@@ -53,6 +55,11 @@ inline void enlarge(const TexelRows& in, int log2, size_t rows, uint8_t* out) {
   }
 }
 
+// By how much a level is larger than a coarser one.
+inline int enlargedLog2(int coarse, int fine) {
+  return std::countr_zero(PatchStore::side(fine)) - std::countr_zero(PatchStore::side(coarse));
+}
+
 class TexelKeeper {
  public:
   explicit TexelKeeper(Context& context) : c_(context) {}
@@ -61,6 +68,7 @@ class TexelKeeper {
     const PatchStore store = c_.storeOf(patch);
     int side = static_cast<int>(PatchStore::side(store.depth));
     if (auto made = finest(patch); !made) return made;
+    if (store.depth == kTail) return keepTailAlone(patch);
     for (int level = store.depth;; --level, side /= 2) {
       if (auto kept = keepLevel(patch, level, texels_); !kept) return kept;
       if (level == 0) return keepTail(patch);
@@ -78,6 +86,7 @@ class TexelKeeper {
 
   // The patch's tail once more as its root level has it, in place of one that was rounded.
   Result<void> keepExactTail(uint32_t patch) {
+    if (c_.own_depth[patch] == kTail) return run(patch);
     texels_.resize(static_cast<size_t>(c_.store.channels) * kPagePx * kPagePx);
     if (auto read = c_.readKept(*c_.levels, c_.levelAt(patch, 0), patch, 0, texels_); !read) return read;
     return keepTail(patch);
@@ -88,18 +97,18 @@ class TexelKeeper {
   }
 
  private:
-  // The patch's texels at its own depth.
+  // The patch's texels at its own depth, or the level that is kept if that is finer.
   Result<void> finest(uint32_t patch) {
     const int depth = c_.source.textureDepthOf(patch);
     texels_.resize(PatchStore{c_.store.channels, depth}.finestBytes());
     if (auto made = c_.source.texels(patch, texels_); !made) return made;
     for (int level = depth; level < c_.own_depth[patch]; ++level) {
       coarse_texels_.swap(texels_);
-      texels_.resize(4 * coarse_texels_.size());
-      const size_t side = PatchStore::side(level);
+      const size_t side = PatchStore::side(level), larger = PatchStore::side(level + 1);
+      texels_.resize(static_cast<size_t>(c_.store.channels) * larger * larger);
       for (size_t c = 0; c < static_cast<size_t>(c_.store.channels); ++c)
-        enlarge({coarse_texels_.data() + c * side * side, side, side}, 1, 2 * side,
-                texels_.data() + 4 * c * side * side);
+        enlarge({coarse_texels_.data() + c * side * side, side, side}, enlargedLog2(level, level + 1), larger,
+                texels_.data() + c * larger * larger);
     }
     return {};
   }
@@ -121,6 +130,19 @@ class TexelKeeper {
     tail_.resize(c_.tailBytes() - 2 * kTailHeights);
     tailTexels(c_.mip, texels_, tail_);
     return keepTailTexels(patch);
+  }
+  // Of a patch that has its tail's texels alone.
+  Result<void> keepTailAlone(uint32_t patch) {
+    tail_.assign(texels_.begin(), texels_.end());
+    level_.assign(texels_.size() / 4, 0);
+    c_.mip.downsample(texels_.data(), kTailTexels, kTailTexels, level_.data());
+    for (int side = kTailTexels / 2;; side /= 2) {
+      std::transform(level_.begin(), level_.end(), std::back_inserter(tail_), byteFromLevel);
+      if (side == kTailTexels >> (kTailLevels - 1)) return keepTailTexels(patch);
+      coarser_.resize(level_.size() / 4);
+      c_.mip.downsample(level_.data(), side, side, coarser_.data());
+      level_.swap(coarser_);
+    }
   }
   Result<void> keepTailTexels(uint32_t patch) {
     const uint64_t finest = static_cast<uint64_t>(c_.store.channels) * kTailTexels * kTailTexels;
@@ -250,7 +272,7 @@ class LevelReader {
       else std::copy_n(own, side, coarse_rows_.begin());
       std::copy_n(coarse_strip_.data() + c * kGutterPx * side, kGutterPx * side,
                   coarse_rows_.begin() + static_cast<std::ptrdiff_t>(side));
-      enlarge({coarse_rows_.data(), side, kGutterPx, 1}, level - kept, kGutterPx,
+      enlarge({coarse_rows_.data(), side, kGutterPx, 1}, enlargedLog2(kept, level), kGutterPx,
               strip_.data() + c * kGutterPx * side_);
     }
     return {};
