@@ -13,6 +13,7 @@
 #include <utility>
 #include <vector>
 
+#include "geometry/bake/mip_image.h"
 #include "geometry/scan/mesh_read.h"
 #include "src/base/progress.h"
 #include "src/base/srgb.h"
@@ -84,24 +85,9 @@ void multiply(Image8& image, const glm::vec3& tint) {
   for (size_t i = 0; i < image.pixels.size(); ++i) image.pixels[i] = tinted[i % 3][image.pixels[i]];
 }
 
-// Half the width and height, rounded up: four pixels' mean.
 void halve(Image8& image) {
-  Image8 half{(image.width + 1) / 2, (image.height + 1) / 2, image.channels, {}};
-  const auto channels = static_cast<size_t>(image.channels);
-  half.pixels.resize(static_cast<size_t>(half.width) * static_cast<size_t>(half.height) * channels);
-  uint8_t* out = half.pixels.data();
-  for (int y = 0; y < half.height; ++y)
-    for (int x = 0; x < half.width; ++x)
-      for (size_t c = 0; c < channels; ++c) {
-        unsigned sum = 2;
-        for (int k = 0; k < 4; ++k) {
-          const auto u = static_cast<size_t>(std::min(2 * x + k % 2, image.width - 1)),
-                     v = static_cast<size_t>(std::min(2 * y + k / 2, image.height - 1));
-          sum += image.pixels[(v * static_cast<size_t>(image.width) + u) * channels + c];
-        }
-        *out++ = static_cast<uint8_t>(sum / 4);
-      }
-  image = std::move(half);
+  image = {(image.width + 1) / 2, (image.height + 1) / 2, image.channels,
+           halvedTexels(image.width, image.height, image.channels, image.pixels)};
 }
 
 // The images that the scan's texture coordinates belong to, as three channels.

@@ -25,9 +25,8 @@
 // - it is connected to others, kLeastEdges or more, since chance joins few. The shortest real ones, around a peg or the
 //   base of a pyramid, have more.
 // Of a ball of 120,000 triangles whose normals are off by 6 to 60 degrees (root mean square) no edge is a crease.
-// Creases compare no lengths, so that long triangles count as short ones do. A vertex is split where
-// creases divide its triangles into several groups. The last vertex of a crease that flattens out is not, as the
-// surface goes around it.
+// Creases compare no lengths, so that long triangles count as short ones do. A vertex is split where creases divide its
+// triangles into several groups. The last vertex of a crease that flattens out is not, as the surface goes around it.
 //
 // A reduced scan of a machined part has rims without such a gap: more sharp edges than kMostSharp, or walls of a few
 // skewed triangles. The plate around such a rim is known from the rest of it. A plate is kLeastPlate connected

@@ -5,27 +5,33 @@
 
 namespace relievo {
 
+std::vector<uint8_t> halvedTexels(int width, int height, int channels, std::span<const uint8_t> texels) {
+  const int half_width = (width + 1) / 2, half_height = (height + 1) / 2;
+  const auto row = static_cast<size_t>(width) * static_cast<size_t>(channels);
+  std::vector<uint8_t> half(static_cast<size_t>(half_width) * static_cast<size_t>(half_height) *
+                            static_cast<size_t>(channels));
+  uint8_t* out = half.data();
+  for (int y = 0; y < half_height; ++y) {
+    const uint8_t* a = texels.data() + static_cast<size_t>(2 * y) * row;
+    const uint8_t* b = 2 * y + 1 < height ? a + row : a;
+    for (int x = 0; x < half_width; ++x) {
+      const size_t left = static_cast<size_t>(2 * x) * static_cast<size_t>(channels);
+      const size_t right = 2 * x + 1 < width ? left + static_cast<size_t>(channels) : left;
+      for (size_t c = 0; c < static_cast<size_t>(channels); ++c)
+        *out++ = static_cast<uint8_t>((a[left + c] + a[right + c] + b[left + c] + b[right + c] + 2) >> 2);
+    }
+  }
+  return half;
+}
+
 MipImage::MipImage(int width, int height, int channels, std::span<const uint8_t> texels, int levels, bool repeats)
     : channels_(channels), repeats_(repeats) {
   levels_.reserve(static_cast<size_t>(levels) + 1);
   levels_.push_back({width, height, texels, {}});
   while (static_cast<int>(levels_.size()) <= levels && (levels_.back().width > 1 || levels_.back().height > 1)) {
     const Level& fine = levels_.back();
-    Level coarse{(fine.width + 1) / 2, (fine.height + 1) / 2, {}, {}};
-    const auto row = static_cast<size_t>(fine.width) * static_cast<size_t>(channels);
-    coarse.own.resize(static_cast<size_t>(coarse.width) * static_cast<size_t>(coarse.height) *
-                      static_cast<size_t>(channels));
-    uint8_t* out = coarse.own.data();
-    for (int y = 0; y < coarse.height; ++y) {
-      const uint8_t* a = fine.texels.data() + static_cast<size_t>(2 * y) * row;
-      const uint8_t* b = 2 * y + 1 < fine.height ? a + row : a;
-      for (int x = 0; x < coarse.width; ++x) {
-        const size_t left = static_cast<size_t>(2 * x) * static_cast<size_t>(channels);
-        const size_t right = 2 * x + 1 < fine.width ? left + static_cast<size_t>(channels) : left;
-        for (size_t c = 0; c < static_cast<size_t>(channels); ++c)
-          *out++ = static_cast<uint8_t>((a[left + c] + a[right + c] + b[left + c] + b[right + c] + 2) >> 2);
-      }
-    }
+    Level coarse{
+        (fine.width + 1) / 2, (fine.height + 1) / 2, {}, halvedTexels(fine.width, fine.height, channels, fine.texels)};
     coarse.texels = coarse.own;
     levels_.push_back(std::move(coarse));
   }

@@ -10,6 +10,9 @@
 
 namespace relievo {
 
+// Half the width and height, rounded up: the means of four texels. Rows of channels interleaved.
+std::vector<uint8_t> halvedTexels(int width, int height, int channels, std::span<const uint8_t> texels);
+
 class MipImage {
  public:
   MipImage() = default;

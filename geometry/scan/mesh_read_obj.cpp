@@ -322,7 +322,7 @@ class ObjReader {
       }
       const std::string further = lost.size() > 1 ? " and " + std::to_string(lost.size() - 1) + " more" : "";
       mesh_.findings.push_back(
-          {"triangles of materials with a colour alone (" + ("material " + inQuotes(material)) + further + ")",
+          {"triangles of materials with a colour alone (material " + inQuotes(material) + further + ")",
            all,
            {},
            "Kd is not used beside colours of vertices"});

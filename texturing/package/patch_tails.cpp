@@ -25,12 +25,15 @@ void tailHeights(std::span<const uint16_t> samples, std::span<uint16_t> out) {
       out[y * kTailSamples + x] = samples[y * kStep * kReliefSamples + x * kStep];
 }
 
-void tailTexels(const MipFilter& mip, std::span<const uint8_t> root, std::span<uint8_t> out) {
-  assert(out.size() / kTailPatchTexels == root.size() / (kPagePx * kPagePx));
-  std::vector<uint16_t> level(root.size() / 4), coarser;
-  mip.downsample(root.data(), kPagePx, kPagePx, level.data());
+void tailTexels(const MipFilter& mip, std::span<const uint8_t> texels, std::span<uint8_t> out) {
+  const size_t channels = out.size() / kTailPatchTexels;
+  int side = texels.size() == channels * kTailTexels * kTailTexels ? kTailTexels : kPagePx;
+  assert(texels.size() == channels * static_cast<size_t>(side) * static_cast<size_t>(side));
   uint8_t* to = out.data();
-  for (int side = kPagePx / 2; side >= kTailTexels >> (kTailLevels - 1); side /= 2) {
+  if (side == kTailTexels) to = std::copy(texels.begin(), texels.end(), to);
+  std::vector<uint16_t> level(texels.size() / 4), coarser;
+  mip.downsample(texels.data(), side, side, level.data());
+  for (side /= 2; side >= kTailTexels >> (kTailLevels - 1); side /= 2) {
     if (side <= kTailTexels) to = std::transform(level.begin(), level.end(), to, byteFromLevel);
     coarser.resize(level.size() / 4);
     mip.downsample(level.data(), side, side, coarser.data());

@@ -4,7 +4,8 @@
 //   heights   the grid of 2^kTailCellsLog2 cells a side: every 8th sample of the root page, the same 16 bits. A vertex
 //             therefore has one place whether its height comes from a tail or from a page, and patches that meet need
 //             not agree on which they use.
-//   texels    the levels of 16, 8, 4 and 2 texels a side: the root page's bytes halved 3 to 6 times by mip.h's rules.
+//   texels    the levels of 16, 8, 4 and 2 texels a side: the root page's bytes halved 3 to 6 times by mip.h's rules,
+//             or 16 a side that are all that the patch was told in (PatchSource::textureDepthOf()), halved up to 3.
 //             The two levels between (64 and 32 texels) are not stored: shaders blend from the root's level to the
 //             tail's over them. The finest also stands for pages that a patch does not have (texture_depths.h): it is
 //             filtered bilinearly, whatever the scene's sampling.
@@ -72,9 +73,10 @@ struct PatchTails {
   friend bool operator==(const PatchTails&, const PatchTails&) = default;
 };
 
-// From a root page's samples (kReliefPageSamples), and from a patch's level of 128 x 128 texels, channel-major.
+// From a root page's samples (kReliefPageSamples), and from a patch's level of 128 x 128 or 16 x 16 texels,
+// channel-major.
 void tailHeights(std::span<const uint16_t> samples, std::span<uint16_t> out /* kTailHeights */);
-void tailTexels(const MipFilter& mip, std::span<const uint8_t> root,
+void tailTexels(const MipFilter& mip, std::span<const uint8_t> texels,
                 std::span<uint8_t> out /* kTailPatchTexels a channel */);
 
 // Reads the root pages of patches first .. first + count and makes their tails of them. A page that cannot be had

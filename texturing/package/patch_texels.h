@@ -8,7 +8,6 @@
 #include <cmath>
 #include <cstdint>
 #include <cstring>
-#include <iterator>
 #include <memory>
 #include <span>
 #include <utility>
@@ -68,7 +67,7 @@ class TexelKeeper {
     const PatchStore store = c_.storeOf(patch);
     int side = static_cast<int>(PatchStore::side(store.depth));
     if (auto made = finest(patch); !made) return made;
-    if (store.depth == kTail) return keepTailAlone(patch);
+    if (store.depth == kTail) return keepTail(patch);
     for (int level = store.depth;; --level, side /= 2) {
       if (auto kept = keepLevel(patch, level, texels_); !kept) return kept;
       if (level == 0) return keepTail(patch);
@@ -130,19 +129,6 @@ class TexelKeeper {
     tail_.resize(c_.tailBytes() - 2 * kTailHeights);
     tailTexels(c_.mip, texels_, tail_);
     return keepTailTexels(patch);
-  }
-  // Of a patch that has its tail's texels alone.
-  Result<void> keepTailAlone(uint32_t patch) {
-    tail_.assign(texels_.begin(), texels_.end());
-    level_.assign(texels_.size() / 4, 0);
-    c_.mip.downsample(texels_.data(), kTailTexels, kTailTexels, level_.data());
-    for (int side = kTailTexels / 2;; side /= 2) {
-      std::transform(level_.begin(), level_.end(), std::back_inserter(tail_), byteFromLevel);
-      if (side == kTailTexels >> (kTailLevels - 1)) return keepTailTexels(patch);
-      coarser_.resize(level_.size() / 4);
-      c_.mip.downsample(level_.data(), side, side, coarser_.data());
-      level_.swap(coarser_);
-    }
   }
   Result<void> keepTailTexels(uint32_t patch) {
     const uint64_t finest = static_cast<uint64_t>(c_.store.channels) * kTailTexels * kTailTexels;
