@@ -180,6 +180,8 @@ class MeshBuild {
   Result<bool> useFaces(uint32_t max_patches, Folds folds = Folds::kAny);
   double creased();  // the share of the scan's triangles beside a crease
   Result<bool> useSimplified(std::span<const RefineRequest> requests);
+  // What is left after all of these (moreOf()).
+  Result<bool> useMorePatches();
   // Chooses the base of the next bake, after one that missed; false: what there is is kept.
   Result<bool> nextBase(const Fidelity& now, BakeLimit limit, bool better);
   Result<bool> nextFaces();  // of the scan's own triangles
@@ -235,6 +237,7 @@ class MeshBuild {
   BaseKind base_kind_ = BaseKind::kEven;
   int round_ = 0, in_vain_ = 0;  // bakes of this kind of base, and how many of the last ones were no better
   SimplifiedRounds simplified_rounds_;
+  uint32_t most_simplified_ = kMostPatches;
   std::vector<FidelityViolation> missed_first_;  // by the first bake of simplified triangles
   bool more_samples_ = false;  // a bake that is told its tolerance may take 16 times as many (BakeOptions)
   MeshBuildResult result_;
@@ -507,7 +510,14 @@ Result<bool> MeshBuild::useFaces(uint32_t max_patches, Folds folds) {
 
 Result<bool> MeshBuild::useSimplified(std::span<const RefineRequest> requests) {
   return use(BaseKind::kSimplified,
-             stages_.run("base", [&] { return domain_->simplifiedFaces(requests, kMostPatches); }));
+             stages_.run("base", [&] { return domain_->simplifiedFaces(requests, most_simplified_); }));
+}
+
+Result<bool> MeshBuild::useMorePatches() {
+  simplified_rounds_ = {};
+  return moreOf(
+      most_simplified_, [&](uint32_t max_patches) { return useFaces(max_patches); },
+      [&](uint32_t) { return useSimplified({}); });
 }
 
 Result<void> MeshBuild::replaceHopelessBase() {
@@ -516,7 +526,10 @@ Result<void> MeshBuild::replaceHopelessBase() {
   const Result<bool> replaced = replaceFirstBase(
       mostFacesFirst(creased()), [&](uint32_t max_patches) { return useFaces(max_patches); },
       [&] { return useSimplified({}); });
-  return replaced ? Result<void>() : replaced.error();
+  if (!replaced) return replaced.error();
+  if (*replaced) return {};
+  const Result<bool> more = useMorePatches();
+  return more ? Result<void>() : more.error();
 }
 
 Result<bool> MeshBuild::nextBase(const Fidelity& now, BakeLimit limit, bool better) {
@@ -543,10 +556,10 @@ Result<bool> MeshBuild::nextBase(const Fidelity& now, BakeLimit limit, bool bett
     using OwnTriangles = SimplifiedRounds::OwnTriangles;
     const size_t triangles = loaded_.mesh.triangles.size();
     const auto own = triangles <= 2 * size_t{kFewFaces}    ? OwnTriangles::kFew
-                     : triangles <= 2 * size_t{kMostFaces} ? OwnTriangles::kMany
+                     : triangles <= 2 * size_t{kManyFaces} ? OwnTriangles::kMany
                                                            : OwnTriangles::kTooMany;
     const auto next = simplified_rounds_.after({now.excess(), fidelity_.excess(), better, fidelity_.kept()}, own);
-    if (next == SimplifiedRounds::Next::kEnd) return false;
+    if (next == SimplifiedRounds::Next::kEnd) return fidelity_.kept() ? false : useMorePatches();
     if (next == SimplifiedRounds::Next::kSameBase) {
       missed_first_ = now.violations;
       return true;
@@ -554,8 +567,9 @@ Result<bool> MeshBuild::nextBase(const Fidelity& now, BakeLimit limit, bool bett
     ask(simplified_rounds_.firstWasBetter() ? missed_first_ : now.violations);
     if (next == SimplifiedRounds::Next::kOwnTriangles) {
       // Thin parts and parts that touch: the scan's own triangles show them, at many times the bytes.
-      auto done = useFaces(kMostFaces);
-      if (simplified_rounds_.over() || !done || *done) return done;
+      auto done = useFaces(kManyFaces);
+      if (!done || *done) return done;
+      if (simplified_rounds_.over()) return fidelity_.kept() ? false : useMorePatches();
     }
   } else if (now.excess() <= kHopeless || !first) {
     // Where the samples ran out, those of the next bases are chosen by the tolerance.
@@ -575,8 +589,9 @@ Result<bool> MeshBuild::nextBase(const Fidelity& now, BakeLimit limit, bool bett
     requests.clear();  // of another base
   }
   auto done = useSimplified(requests);
-  if (!done || *done || fidelity_.excess() <= kFarOff) return done;
-  return useFaces(kMostFaces);
+  if (done && !*done && fidelity_.excess() > kFarOff) done = useFaces(kManyFaces);
+  if (!done || *done || fidelity_.kept()) return done;
+  return useMorePatches();
 }
 
 Result<bool> MeshBuild::nextFaces() {

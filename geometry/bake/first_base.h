@@ -1,5 +1,5 @@
-// first_base.h - how many patches a base mesh of a scan may have, and what takes the place of a first base that can
-// only miss the scan. Pure.
+// first_base.h - how many patches a base mesh of a scan may have, what takes the place of a first base that can only
+// miss the scan, and what is left where all others did. Pure.
 #pragma once
 
 #include <algorithm>
@@ -13,7 +13,9 @@ namespace relievo {
 
 // More patches take ever more: a few hundred bytes each in a package, and 4 KiB that stay resident. A scan's own
 // triangles show what nothing else does, and are worth more of them.
-inline constexpr uint32_t kMostPatches = 4096, kFewFaces = 12'288, kMostFaces = 65'536;
+inline constexpr uint32_t kMostPatches = 4096, kFewFaces = 12'288, kManyFaces = 65'536;
+// Where all of that misses, as of scans of many small pieces: simplified triangles, and the scan's own.
+inline constexpr uint32_t kMostSimplified = 131'072, kMostFaces = 131'072;
 
 // So many patches of the scan's own triangles come before smaller and simplified ones. creased: the share of triangles
 // beside a crease. Where they are most, as of machines' parts, kFewFaces take fewer bytes than kMostPatches of
@@ -53,8 +55,23 @@ template <class Faces, class Simplified>
 Result<bool> replaceFirstBase(uint32_t most_faces_first, Faces faces, Simplified simplified) {
   Result<bool> replaced = faces(most_faces_first);
   if (replaced && !*replaced) replaced = simplified();
-  if (replaced && !*replaced) replaced = faces(kMostFaces);
+  if (replaced && !*replaced) replaced = faces(kManyFaces);
   return replaced;
+}
+
+// The next base where those of at most most_simplified simplified triangles, and of kManyFaces own ones, missed or were
+// not possible; raises most_simplified to what it tried. Four times as many simplified triangles at a time; the scan's
+// own, which then take fewer bytes, after the first step. False: nothing is left.
+// simplified(max_patches): as simplifiedFaces().
+template <class Faces, class Simplified>
+Result<bool> moreOf(uint32_t& most_simplified, Faces faces, Simplified simplified) {
+  Result<bool> done = false;
+  while (done && !*done && most_simplified < kMostSimplified) {
+    if (most_simplified > kMostPatches) done = faces(kMostFaces);
+    most_simplified = std::min(4 * most_simplified, kMostSimplified);
+    if (done && !*done) done = simplified(most_simplified);
+  }
+  return done;
 }
 
 }  // namespace relievo

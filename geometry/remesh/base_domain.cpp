@@ -700,7 +700,8 @@ Result<BaseMesh> BaseDomain::faces(uint32_t max_patches, Folds folds) const {
 
 Result<BaseMesh> BaseDomain::simplifiedFaces(std::span<const RefineRequest> requests, uint32_t max_patches) {
   Impl& d = *impl_;
-  const size_t target = std::min<size_t>(24 * size_t{max_patches}, kMaxReducedTriangles);
+  constexpr size_t kOfPatch = 6;  // at least so many, three times as many as a patch has in the end
+  const size_t target = std::max(std::min(24 * size_t{max_patches}, kMaxReducedTriangles), kOfPatch * max_patches);
   if (!isUnreduced(*d.reduced_scan, d.mesh) && target > d.reduced_scan->triangles.triangles.size()) {
     const ViewDirection known = d.reduced_scan->view_direction;
     if (auto done = d.prepare(target, max_patches, &known); !done) return done.error();

@@ -76,5 +76,61 @@ TEST(FirstBase, ErrorsEndTheSearch) {
   EXPECT_EQ(out.replaced.error().kind, ErrorKind::kInterrupted);
 }
 
+// What moreOf() asks for from so many simplified triangles on: those with a sign are own triangles. Own triangles fit
+// into so many patches, simplified ones into so many.
+std::vector<int> triedMore(uint32_t& most_simplified, uint32_t own_take, uint32_t simplified_take, bool& found) {
+  std::vector<int> bases;
+  const Result<bool> done = moreOf(
+      most_simplified,
+      [&](uint32_t max_patches) -> Result<bool> {
+        bases.push_back(-static_cast<int>(max_patches));
+        return own_take <= max_patches;
+      },
+      [&](uint32_t max_patches) -> Result<bool> {
+        bases.push_back(static_cast<int>(max_patches));
+        return simplified_take <= max_patches;
+      });
+  EXPECT_TRUE(done.ok());
+  found = done.ok() && *done;
+  return bases;
+}
+
+TEST(FirstBase, WhereAllOthersMissMorePatchesAreTriedFourTimesAsManyAtATime) {
+  uint32_t most = kMostPatches;
+  bool found = false;
+  // Own triangles are not few enough: one step after the other, each of which is baked and misses.
+  EXPECT_EQ(triedMore(most, 200'000, 1, found), std::vector<int>{16'384});
+  EXPECT_TRUE(found);
+  EXPECT_EQ(triedMore(most, 200'000, 1, found), (std::vector<int>{-131'072, 65'536}));
+  EXPECT_EQ(triedMore(most, 200'000, 1, found), (std::vector<int>{-131'072, 131'072}));
+  EXPECT_TRUE(found);
+  EXPECT_TRUE(triedMore(most, 200'000, 1, found).empty()) << "nothing is left";
+  EXPECT_FALSE(found);
+  // Own triangles take the place of the second step.
+  most = kMostPatches;
+  EXPECT_EQ(triedMore(most, 100'000, 1, found), std::vector<int>{16'384});
+  EXPECT_EQ(triedMore(most, 100'000, 1, found), std::vector<int>{-131'072});
+  EXPECT_TRUE(found);
+  // Steps that are no base, as of very many pieces, are passed over.
+  most = kMostPatches;
+  EXPECT_EQ(triedMore(most, 200'000, 100'000, found), (std::vector<int>{16'384, -131'072, 65'536, -131'072, 131'072}));
+  EXPECT_TRUE(found);
+  most = kMostPatches;
+  triedMore(most, 200'000, 200'000, found);
+  EXPECT_FALSE(found);
+}
+
+TEST(FirstBase, AnErrorEndsMorePatches) {
+  uint32_t most = kMostPatches;
+  const Error interrupted{ErrorKind::kInterrupted, "", "interrupted", "", {}};
+  int asked = 0;
+  const Result<bool> done = moreOf(
+      most, [&](uint32_t) -> Result<bool> { return ++asked, interrupted; },
+      [&](uint32_t) -> Result<bool> { return ++asked, false; });
+  ASSERT_FALSE(done.ok());
+  EXPECT_EQ(done.error().kind, ErrorKind::kInterrupted);
+  EXPECT_EQ(asked, 2) << "simplified triangles once, own ones once";
+}
+
 }  // namespace first_base_test
 }  // namespace relievo
