@@ -9,6 +9,7 @@
 // the way.
 //
 // Nothing from OpenImageIO escapes: errors become Results, exceptions are caught at each call.
+#include <OpenImageIO/filesystem.h>
 #include <OpenImageIO/imageio.h>
 #include <OpenImageIO/typedesc.h>
 
@@ -26,6 +27,7 @@
 #include <optional>
 #include <span>
 #include <string>
+#include <vector>
 
 #include "src/base/file.h"
 #include "texturing/import/image_io_module.h"
@@ -67,7 +69,74 @@ struct Orientation {
   }
 };
 
+// A JPEG file for OpenImageIO, in which some segments are of a kind that it passes over.
+class JpegWithout {
+ public:
+  // unsafe: unsafeJpegMarkers(), in ascending order. Null: no memory.
+  static std::unique_ptr<JpegWithout> make(InputFile file, std::vector<uint64_t> unsafe) {
+    std::unique_ptr<JpegWithout> out(new JpegWithout(std::move(file), std::move(unsafe)));
+    out->stream_.reset(
+        ::fopencookie(out.get(), "rb", {.read = readNext, .write = nullptr, .seek = seek, .close = nullptr}));
+    if (!out->stream_) return nullptr;
+    out->proxy_.emplace(*out);
+    return out;
+  }
+  OIIO::Filesystem::IOProxy* proxy() { return &*proxy_; }
+
+ private:
+  JpegWithout(InputFile file, std::vector<uint64_t> unsafe) : file_(std::move(file)), unsafe_(std::move(unsafe)) {}
+  // From there on as many bytes as there are; nothing if the disk does not give them.
+  std::optional<size_t> read(uint64_t at, std::span<uint8_t> out) const {
+    out = out.first(static_cast<size_t>(std::min<uint64_t>(out.size(), file_.size() - std::min(at, file_.size()))));
+    if (!file_.read(at, out)) return std::nullopt;
+    constexpr uint8_t kApp3 = 0xe3;  // which OpenImageIO does not ask for
+    for (auto marker = std::ranges::lower_bound(unsafe_, at); marker != unsafe_.end() && *marker - at < out.size();
+         ++marker)
+      out[static_cast<size_t>(*marker - at)] = kApp3;
+    return out.size();
+  }
+  static ssize_t readNext(void* cookie, char* to, size_t size) {
+    auto& self = *static_cast<JpegWithout*>(cookie);
+    const auto bytes = self.read(self.at_, {reinterpret_cast<uint8_t*>(to), size});
+    if (!bytes) return -1;
+    self.at_ += *bytes;
+    return static_cast<ssize_t>(*bytes);
+  }
+  static int seek(void* cookie, off64_t* offset, int whence) {
+    auto& self = *static_cast<JpegWithout*>(cookie);
+    const auto size = static_cast<off64_t>(self.file_.size());
+    const off64_t from = whence == SEEK_SET ? 0 : whence == SEEK_END ? size : static_cast<off64_t>(self.at_);
+    if (*offset < -from || *offset > size - from) return -1;
+    self.at_ = static_cast<uint64_t>(*offset += from);
+    return 0;
+  }
+
+  struct Close {
+    void operator()(FILE* file) const { std::fclose(file); }
+  };
+  // IOFile would ask the file's descriptor, which a stream of functions has none of.
+  class Proxy final : public OIIO::Filesystem::IOFile {
+   public:
+    Proxy(JpegWithout& jpeg) : IOFile(jpeg.stream_.get(), Read), jpeg_(jpeg) {}
+    size_t size() const override { return static_cast<size_t>(jpeg_.file_.size()); }
+    // It looks at a file's beginning whenever it decodes from there, and leaves it to its proxy to be there again.
+    size_t pread(void* to, size_t bytes, int64_t offset) override {
+      if (offset == 0) std::rewind(m_file);
+      return jpeg_.read(static_cast<uint64_t>(offset), {static_cast<uint8_t*>(to), bytes}).value_or(0);
+    }
+
+   private:
+    const JpegWithout& jpeg_;
+  };
+  InputFile file_;
+  std::vector<uint64_t> unsafe_;
+  uint64_t at_ = 0;
+  std::unique_ptr<FILE, Close> stream_;
+  std::optional<Proxy> proxy_;
+};
+
 struct OpenImage {
+  std::unique_ptr<JpegWithout> jpeg;  // that is read in place of the file; null: the file is
   std::unique_ptr<OIIO::ImageInput> input;
   OIIO::ImageSpec spec;
   uint64_t file_bytes = 0;
@@ -146,13 +215,20 @@ Result<OpenImage> openImage(const std::string& path, const ImageReadOptions& opt
   if (!claimed) return claimed.error();
   if (auto few = tooManyPixels(path, claimed->width, claimed->height, claimed->bytes(), file->size(), options))
     return *few;
-  if (auto sound = checkJpegHeader(*file); !sound) return sound.error();
+  auto unsafe = unsafeJpegMarkers(*file);
+  if (!unsafe) return unsafe.error();
   OpenImage image;
   image.file_bytes = file->size();
   auto no_data = noDataOf(*file);
   if (!no_data) return no_data.error();
   image.no_data = *no_data;
-  const OIIO::ImageSpec config = openConfig();
+  OIIO::ImageSpec config = openConfig();
+  if (!unsafe->empty()) {
+    image.jpeg = JpegWithout::make(std::move(*file), std::move(*unsafe));
+    if (!image.jpeg) throw std::bad_alloc();
+    OIIO::Filesystem::IOProxy* proxy = image.jpeg->proxy();
+    config.attribute("oiio:ioproxy", OIIO::TypeDesc::PTR, &proxy);
+  }
   std::string why;
   {
     // The library's own limit is the whole program's and is looked at on opening. What is read in parts is checked

@@ -274,14 +274,16 @@ bool metadataCutShort(uint8_t marker, std::string_view data) {
 }  // namespace
 
 // OpenImageIO compares the name of a JPEG's segment APP1, APP2 or APP13 without looking at the segment's length, and
-// believes the size that IPTC metadata claims: both would be read beyond their memory. Looked at as libjpeg goes from
-// marker to marker, over bytes that are none, up to the first scan.
-Result<void> checkJpegHeader(const InputFile& file) {
+// believes the size that IPTC metadata claims, or what it takes for one if the metadata has a name: both would be read
+// beyond their memory. Looked at as libjpeg goes from marker to marker, over bytes that are none, up to the first scan.
+Result<std::vector<uint64_t>> unsafeJpegMarkers(const InputFile& file) {
   constexpr uint8_t kScan = 0xda, kEndOfImage = 0xd9, kNoMarker = 0;
+  constexpr size_t kMostUnsafe = 1024;
+  std::vector<uint64_t> unsafe;
   std::vector<uint8_t> bytes(2);
-  if (file.size() < bytes.size()) return {};
-  if (auto read = file.read(0, bytes); !read) return read;
-  if (bytes[0] != 0xff || bytes[1] != 0xd8) return {};
+  if (file.size() < bytes.size()) return unsafe;
+  if (auto read = file.read(0, bytes); !read) return read.error();
+  if (bytes[0] != 0xff || bytes[1] != 0xd8) return unsafe;
   uint64_t at = 2;
   // The next n bytes, or as many as there are.
   auto take = [&](size_t n) -> Result<std::string_view> {
@@ -312,28 +314,30 @@ Result<void> checkJpegHeader(const InputFile& file) {
     auto found = nextMarker();
     if (!found) return found.error();
     const uint8_t marker = *found;
-    if (marker == kNoMarker) return {};
-    if (marker == kScan || marker == kEndOfImage) return {};
+    if (marker == kNoMarker) return unsafe;
+    if (marker == kScan || marker == kEndOfImage) return unsafe;
     if (marker == 0x01 || (marker >= 0xd0 && marker <= 0xd8)) continue;  // alone
-    const uint64_t start = at;
+    const uint64_t marker_at = at - 1;
     auto length = take(2);
     if (!length) return length.error();
-    if (length->size() < 2) return {};
+    if (length->size() < 2) return unsafe;
     const size_t size = bigEndian16(*length);
-    if (size < 2) return {};  // libjpeg refuses it
+    if (size < 2) return unsafe;  // libjpeg refuses it
     if (marker != kApp1 && marker != kApp2 && marker != kApp13) {
       at += std::min<uint64_t>(size - 2, file.size() - at);
       continue;
     }
     auto data = take(size - 2);
     if (!data) return data.error();
-    if (data->size() < size - 2) return {};  // libjpeg fills it up
-    if (metadataCutShort(marker, *data)) {
+    if (data->size() < size - 2) return unsafe;  // libjpeg fills it up
+    if (!metadataCutShort(marker, *data)) continue;
+    if (unsafe.size() == kMostUnsafe) {
       return Error{ErrorKind::kInvalidData, file.path(),
-                   "expected the metadata that the JPEG's segment of " + std::to_string(size) +
-                       " bytes begins with, found its end",
-                   "save the image without its metadata, or copy the file again", start};
+                   "expected metadata in at most " + std::to_string(kMostUnsafe) +
+                       " segments that their names or sizes fit, found more",
+                   "save the image without its metadata, or copy the file again", marker_at};
     }
+    unsafe.push_back(marker_at);
   }
 }
 

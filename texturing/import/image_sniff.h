@@ -8,6 +8,7 @@
 #include <cstdint>
 #include <optional>
 #include <string>
+#include <vector>
 
 #include "src/base/file.h"
 #include "src/base/result.h"
@@ -39,7 +40,8 @@ struct ClaimedPixels {
 };
 // Of an OpenEXR file the header (of several the one that claims most); else nothing is looked at.
 Result<ClaimedPixels> checkExrHeader(const InputFile& file);
-// Errors only for a JPEG; else nothing is looked at.
-Result<void> checkJpegHeader(const InputFile& file);
+// Of a JPEG, where the markers stand of those segments of metadata that OpenImageIO would read beyond, in ascending
+// order; kInvalidData where these are more than 1,024. Else nothing is looked at.
+Result<std::vector<uint64_t>> unsafeJpegMarkers(const InputFile& file);
 
 }  // namespace relievo
