@@ -42,7 +42,10 @@ struct ExportArguments {
 constexpr uint64_t kImageLibraryMib = 140, kLeastMapMib = 24;
 
 std::string cellsText(const MeshExportReport& r) {
-  return "level " + std::to_string(r.level) + ", " + std::to_string(uint64_t{1} << r.level) + " cells a patch side";
+  const std::string cells = std::to_string(uint64_t{1} << r.level) + " cells a patch side";
+  if (r.least_level == r.level) return "level " + std::to_string(r.level) + ", " + cells;
+  return "levels " + std::to_string(r.least_level) + " to " + std::to_string(r.level) + ", " +
+         std::to_string(uint64_t{1} << r.least_level) + " to " + cells;
 }
 
 void printReport(const ExportArguments& o, const MeshExportReport& r, bool size_known, double seconds) {
@@ -311,7 +314,8 @@ void addExportCommand(CLI::App& app, CommandContext& context) {
                               "Cells a patch side: 2^LEVEL, 0 to 24, of a flat artwork's maps from 7 [full detail]")
                     ->check(CLI::Range(0, 24));
   auto* error = c->add_option("--error-mm", o->error_mm,
-                              "Coarsest level within this distance of full detail, mm (px where no size is known)")
+                              "Coarsest mesh within this distance of full detail, mm (px where no size is known): "
+                              "over a base mesh each patch has a level of its own")
                     ->check(CLI::NonNegativeNumber)
                     ->excludes(level);
   auto* base = c->add_flag("--base", o->base, "The base mesh alone: quads, in .stl and .glb two triangles each")

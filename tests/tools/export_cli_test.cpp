@@ -273,14 +273,19 @@ TEST_F(ExportCli, AScanComesOutAsNearAsItsBuildPromised) {
   // Other samples than the build's may find a little more.
   EXPECT_LT(to_out.max, 1.5 * missing.all);
   EXPECT_LT(to_scan.max, 1.5 * too_much.all);
-  // Coarser exports keep what they state, too.
-  const Outcome coarse = exported("ball.relievo", "coarse.ply", "--error-mm 0.5");
-  ASSERT_EQ(coarse.exit_code, 0) << coarse.output;
-  const auto coarse_mesh = readMesh(file("coarse.ply"));
-  ASSERT_TRUE(coarse_mesh.ok());
-  EXPECT_LT(coarse_mesh->mesh.triangles.size(), out->mesh.triangles.size());
-  const Distances lost = distances(out->mesh, coarse_mesh->mesh, 20000);
-  EXPECT_LE(lost.max, 0.5);
+  // Coarser exports keep what they state, too, and are closed where patches of different levels meet.
+  for (const auto& [error, mixed] : {std::pair{0.5, true}, {0.1, true}, {0.02, false}}) {
+    const Outcome coarse = exported("ball.relievo", "coarse.ply", "--error-mm " + std::to_string(error));
+    ASSERT_EQ(coarse.exit_code, 0) << coarse.output;
+    EXPECT_EQ(coarse.output.find("levels ") != std::string::npos, mixed) << coarse.output;
+    const auto coarse_mesh = readMesh(file("coarse.ply"));
+    ASSERT_TRUE(coarse_mesh.ok());
+    EXPECT_LT(coarse_mesh->mesh.triangles.size(), out->mesh.triangles.size());
+    EXPECT_EQ(coarse_mesh->diagnosis.border_loops, 0u);
+    EXPECT_EQ(coarse_mesh->diagnosis.vertices, coarse_mesh->diagnosis.triangles / 2 + 2) << "a ball";
+    EXPECT_LE(distances(out->mesh, coarse_mesh->mesh, 20000).max, error);
+    EXPECT_LE(distances(coarse_mesh->mesh, out->mesh, 20000).max, error);
+  }
   // Control: a mesh that is moved by the promise is not as near.
   TriMesh moved = out->mesh;
   moved.origin_mm.x += 3 * missing.all;

@@ -7,6 +7,7 @@
 #include <fstream>
 #include <map>
 #include <nlohmann/json.hpp>
+#include <random>
 #include <set>
 #include <sstream>
 #include <string>
@@ -20,6 +21,7 @@
 #include "texturing/package/patch_package_builder.h"
 #include "tools/export/map_export.h"
 #include "tools/export/mesh_export.h"
+#include "tools/export/patch_levels.h"
 #include "tools/export/patch_maps.h"
 #include "tools/export/shared_vertices.h"
 #include "tools/export/surface_rows.h"
@@ -163,7 +165,7 @@ BaseMesh threeAtASide() {
 TEST_F(ExportBall, HeightsThatPatchesDoNotShareAreNoticed) {
   const BaseMesh base = cubeSphere(2, 40, 3);
   constexpr uint64_t kCells = 8;
-  SharedVertices shared(base, kCells);
+  SharedVertices shared(base, uniformLevels(base.patches.size(), 3));
   for (const auto& [x, y] : {std::pair<uint64_t, uint64_t>{0, 0}, {kCells, 3}, {5, kCells}}) {
     const uint64_t i = shared.index(4, x, y);
     EXPECT_TRUE(shared.add(i, {0, 0, 1}, 700, {1, 2, 3}));
@@ -200,7 +202,7 @@ TEST_F(ExportBall, SharedVerticesHaveTheSameBitsFromAllPatches) {
   const auto package = packageOf(NoisyPatches(joined, 0, 0, 7));
   const ExportGrid grid(package, 6);
   const uint64_t n = grid.cellsPerPatchSide();
-  const SharedVertices shared(joined, n);
+  const SharedVertices shared(joined, uniformLevels(joined.patches.size(), grid.level()));
   std::map<uint64_t, std::vector<glm::dvec3>> places;
   size_t others = 0;
   for (uint32_t p = 0; p < joined.patches.size(); ++p)
@@ -307,6 +309,151 @@ TEST_F(ExportBall, ErrorsChooseTheCoarsestLevelThatKeepsThem) {
   }
 }
 
+// What is left of a grid whose sides have fewer cells covers the patch once, and none of it is turned over.
+TEST(PatchLevelsTest, TrianglesCoverThePatchWhateverItsSides) {
+  const int finest = test::kSanitized ? 2 : 4;
+  size_t snapped = 0, in_line = 0, left = 0;
+  for (int grid = 0; grid <= finest; ++grid) {
+    const int sides = grid + 1;
+    for (int k = 0; k < sides * sides * sides * sides; ++k) {
+      PatchLevels p{.grid = static_cast<uint8_t>(grid)};
+      for (int s = 0, rest = k; s < 4; ++s, rest /= sides)
+        p.sides[static_cast<size_t>(s)] = static_cast<uint8_t>(rest % sides);
+      const uint64_t n = p.cells();
+      int64_t area = 0;  // doubled
+      uint64_t triangles = 0;
+      const auto add = [&](uint64_t x, uint64_t y, bool above) {
+        const auto a = p.snapped(x, y), b = above ? p.snapped(x + 1, y) : p.snapped(x + 1, y + 1),
+                   c = above ? p.snapped(x + 1, y + 1) : p.snapped(x, y + 1);
+        const auto of = [](const auto& q, size_t i) { return static_cast<int64_t>(q[i]); };
+        const int64_t cross =
+            (of(b, 0) - of(a, 0)) * (of(c, 1) - of(a, 1)) - (of(b, 1) - of(a, 1)) * (of(c, 0) - of(a, 0));
+        EXPECT_GE(cross, 0) << "turned over";
+        // Across a corner between two sides of half the cells one has its corners in a line: it fills a T-junction.
+        const bool corners = a != b && b != c && c != a;
+        EXPECT_EQ(p.hasTriangle(x, y, above), corners) << grid << " " << k << " " << x << " " << y;
+        EXPECT_TRUE(corners || cross == 0);
+        in_line += corners && cross == 0;
+        area += cross;
+        triangles += corners;
+      };
+      for (uint64_t y = 0; y < n; ++y)
+        for (uint64_t x = 0; x < n; ++x) add(x, y, true), add(x, y, false);
+      EXPECT_EQ(area, static_cast<int64_t>(2 * n * n));
+      EXPECT_EQ(p.triangles(), triangles);
+      EXPECT_EQ(p.isSnapped(), triangles < 2 * n * n);
+      snapped += p.isSnapped();
+      left += triangles;
+    }
+  }
+  EXPECT_GT(snapped, 50u);
+  EXPECT_LT(in_line, left / 100);
+}
+
+TEST(PatchLevelsTest, EachPatchIsAsFineAsItsErrorAndItsSidesAsBothNeed) {
+  const BaseMesh ball = cubeSphere(6, 40, 3);
+  const std::vector<PatchNeighbours> neighbours = patchNeighbours(ball);
+  std::mt19937 random(5);
+  std::uniform_real_distribution<double> exponent(-2, 2), fall(0.2, 1);
+  std::vector<std::vector<float>> errors;
+  for (size_t p = 0; p < ball.patches.size(); ++p) {
+    std::vector<float>& e = errors.emplace_back();
+    double at = std::pow(10, exponent(random));
+    for (int level = 0; level < 7; ++level, at *= fall(random)) e.push_back(static_cast<float>(at));
+    e.push_back(0);
+  }
+  size_t snapped = 0, coarse = 0;
+  for (const double error : {0.0, 0.01, 0.1, 1.0, 1000.0}) {
+    const std::vector<PatchLevels> levels = patchLevelsWithin(neighbours, errors, error);
+    double bound = 0;
+    uint8_t finest = 0;
+    for (const PatchLevels& p : levels) finest = std::max(finest, p.grid);
+    for (size_t p = 0; p < levels.size(); ++p) {
+      EXPECT_LE(errors[p][levels[p].grid], error);
+      bound = std::max(bound, double{errors[p][levels[p].grid]});
+      uint8_t finest_side = 0;
+      for (size_t s = 0; s < 4; ++s) {
+        const PatchNeighbour& n = neighbours[p][s];
+        const uint8_t side = levels[p].sides[s];
+        EXPECT_EQ(side, levels[n.patch].sides[n.side]);
+        finest_side = std::max(finest_side, side);
+        if (side == levels[p].grid) continue;
+        EXPECT_LT(side, levels[p].grid);
+        EXPECT_LE(2 * errors[p][side], error) << "where levels meet, the error may be twice as large";
+        bound = std::max(bound, 2 * double{errors[p][side]});
+        ++snapped;
+      }
+      // No finer than itself, or a side, needs.
+      EXPECT_TRUE(finest_side == levels[p].grid || errors[p][levels[p].grid - 1u] > error);
+      coarse += levels[p].grid < finest;
+    }
+    EXPECT_EQ(errorOf(levels, errors), bound);
+    EXPECT_EQ(levels == uniformLevels(levels.size(), 7), error == 0);
+    EXPECT_EQ(levels == uniformLevels(levels.size(), 0), error == 1000);
+  }
+  EXPECT_GT(snapped, 20u);
+  EXPECT_GT(coarse, 20u);
+}
+
+// Noise of which each patch's errors fall fourfold a level, from another one on.
+class GradedPatches : public NoisyPatches {
+ public:
+  using NoisyPatches::NoisyPatches;
+  Result<CoarseErrors> coarseErrors(uint32_t patch) const override {
+    CoarseErrors out;
+    for (size_t level = 0; level < out.size(); ++level)
+      out[level] = static_cast<float>(std::ldexp(3.0, -2 * static_cast<int>(patch * 7 % 5 + level)));
+    return out;
+  }
+};
+
+TEST_F(ExportBall, WithinAnErrorPatchesHaveLevelsOfTheirOwnAndNothingOpens) {
+  const GradedPatches source(cubeSphere(2, 40, 3), 0, 0, 7);
+  const auto package = packageOf(source);
+  const auto errors = patchErrors(*package);
+  ASSERT_TRUE(errors.ok());
+  for (const double error : {0.5, 0.1, 0.02}) {
+    const std::vector<PatchLevels> levels = patchLevelsWithin(patchNeighbours(source.base()), *errors, error);
+    uint64_t faces = 0;
+    size_t snapped = 0;
+    for (const PatchLevels& p : levels) faces += p.triangles(), snapped += p.isSnapped();
+    EXPECT_GT(snapped, 2u) << error;
+    for (const std::string format : {"ply", "obj", "off", "stl", "glb"}) {
+      if (test::kSanitized && format != "ply" && format != "stl") continue;
+      const MeshExportReport report = exported(package, "graded." + format, {.error_mm = error});
+      EXPECT_LT(report.least_level, report.level);
+      EXPECT_EQ(report.faces, faces) << error;
+      ASSERT_TRUE(report.error_mm.has_value());
+      EXPECT_LE(*report.error_mm, error);
+      const LoadedMesh read = readBack("graded." + format);
+      EXPECT_EQ(read.diagnosis.triangles_read, faces) << format << error;
+      EXPECT_EQ(read.diagnosis.triangles, faces) << format << error;
+      EXPECT_EQ(read.diagnosis.border_loops, 0u) << format << error;
+      EXPECT_EQ(read.diagnosis.pieces, 1u) << format << error;
+      EXPECT_EQ(read.diagnosis.vertices, faces / 2 + 2) << format << error;
+      if (format == "stl") continue;
+      EXPECT_EQ(report.vertices, faces / 2 + 2) << format << error << ": each is named by a face";
+      EXPECT_EQ(read.diagnosis.vertices_read, faces / 2 + 2) << format << error;
+      EXPECT_EQ(unexpectedFindings(read.diagnosis), "") << format << error;
+    }
+    // All at the finest of these levels are more, and have vertices at the same places among others.
+    const LoadedMesh some = readBack("graded.ply");
+    exported(package, "all.ply", {.level = exported(package, "graded.ply", {.error_mm = error}).level});
+    const LoadedMesh all = readBack("all.ply");
+    const auto places = [](const LoadedMesh& mesh) {
+      std::set<std::array<float, 3>> out;
+      for (const glm::vec3& p : mesh.mesh.positions_mm) {
+        const glm::vec3 at(glm::dvec3(p) + mesh.mesh.origin_mm);
+        out.insert({at.x, at.y, at.z});
+      }
+      return out;
+    };
+    const auto of_all = places(all), of_some = places(some);
+    EXPECT_LT(of_some.size(), of_all.size());
+    EXPECT_TRUE(std::includes(of_all.begin(), of_all.end(), of_some.begin(), of_some.end()));
+  }
+}
+
 TEST_F(ExportBall, TheBytesDoNotDependOnTheWorkers) {
   if (test::kSanitized) GTEST_SKIP() << "about figures; others export under the sanitizer";
   const NoisyPatches source(cubeSphere(2, 40, 3), 0, 0, 7);
@@ -316,6 +463,10 @@ TEST_F(ExportBall, TheBytesDoNotDependOnTheWorkers) {
     exported(package, "five." + format, {.workers = 5});
     EXPECT_TRUE(bytesOf(folder_.file("one." + format)) == bytesOf(folder_.file("five." + format))) << format;
   }
+  const auto graded = packageOf(GradedPatches(cubeSphere(2, 40, 3), 0, 0, 7));
+  exported(graded, "one.ply", {.error_mm = 0.1, .workers = 1});
+  exported(graded, "five.ply", {.error_mm = 0.1, .workers = 5});
+  EXPECT_TRUE(bytesOf(folder_.file("one.ply")) == bytesOf(folder_.file("five.ply")));
 }
 
 TEST_F(ExportBall, FloatsCountFromTheOriginWhereTheScanLiesFarAway) {

@@ -1,5 +1,6 @@
 #include "texturing/package/texture_pages.h"
 
+#include <array>
 #include <cassert>
 #include <cmath>
 #include <vector>
@@ -18,20 +19,28 @@ struct CoarseTexels {
 
 // Texel (x, y) of `slot` is texel (x0 + x, y0 + y) of a level whose texels are 1/ratio of the coarse ones wide.
 void interpolate(const CoarseTexels& coarse, int64_t x0, int64_t y0, double ratio, std::span<uint8_t> slot) {
-  auto placeOf = [&](int64_t texel) { return (static_cast<double>(texel) + 0.5) / ratio - 0.5 + coarse.border; };
+  struct Place {
+    int first;     // of the two coarse texels around it
+    double share;  // of the second
+  };
+  auto placeOf = [&](int64_t texel) {
+    const double at = (static_cast<double>(texel) + 0.5) / ratio - 0.5 + coarse.border, first = std::floor(at);
+    return Place{static_cast<int>(first), at - first};
+  };
+  std::array<Place, kPageFullPx> columns;
+  for (int x = 0; x < kPageFullPx; ++x) columns[static_cast<size_t>(x)] = placeOf(x0 + x);
   uint8_t* to = slot.data();
-  for (int row = 0; row < kPageFullPx; ++row) {
-    const double y = placeOf(y0 + row), v = y - std::floor(y);
-    for (int column = 0; column < kPageFullPx; ++column, to += 4) {
-      const double x = placeOf(x0 + column), u = x - std::floor(x);
-      const uint8_t* from =
-          coarse.rgba + 4 * (static_cast<int>(std::floor(y)) * coarse.stride + static_cast<int>(std::floor(x)));
+  for (int y = 0; y < kPageFullPx; ++y) {
+    const auto [row, v] = placeOf(y0 + y);
+    for (const auto& [column, u] : columns) {
+      const uint8_t* from = coarse.rgba + 4 * (row * coarse.stride + column);
       const uint8_t* below = from + 4 * coarse.stride;
       for (int c = 0; c < 3; ++c) {
         const double top = from[c] * (1 - u) + from[c + 4] * u, bottom = below[c] * (1 - u) + below[c + 4] * u;
         to[c] = static_cast<uint8_t>(top * (1 - v) + bottom * v + 0.5);
       }
       to[3] = 255;
+      to += 4;
     }
   }
 }

@@ -1,6 +1,7 @@
 #include "tools/export/mesh_export.h"
 
 #include <algorithm>
+#include <array>
 #include <cmath>
 #include <cstdio>
 #include <vector>
@@ -10,6 +11,7 @@
 #include "src/base/printable.h"
 #include "tools/export/glb_draco.h"
 #include "tools/export/mesh_format.h"
+#include "tools/export/patch_levels.h"
 #include "tools/export/shared_vertices.h"
 #include "tools/export/surface_normals.h"
 #include "tools/export/surface_rows.h"
@@ -32,13 +34,32 @@ struct BorderVertex {
   glm::u8vec3 colour;
 };
 
-// Vertices of a sheet that no other has.
-uint64_t ownVertices(const ExportGrid& g) {
-  return g.isFlat() ? g.columns() * g.rows() : (g.columns() - 2) * (g.rows() - 2);
+// How fine an export is. patches: none of a flat artwork, whose one sheet has the grid's cells.
+struct Detail {
+  int least_level = 0, level = 0;
+  std::vector<PatchLevels> patches;
+  std::optional<double> error_mm;
+
+  static Detail uniform(const Manifest& manifest, int level) {
+    Detail out{.least_level = level, .level = level};
+    if (!manifest.domain.isFlat()) out.patches = uniformLevels(manifest.domain.patchCount(), level);
+    return out;
+  }
+};
+
+uint64_t facesOf(const ExportGrid& grid, const Detail& detail) {
+  uint64_t faces = grid.isFlat() ? 2 * (grid.columns() - 1) * (grid.rows() - 1) : 0;
+  for (const PatchLevels& p : detail.patches) faces += p.triangles();
+  return faces;
 }
-uint64_t verticesAtMost(const ExportGrid& g) {
-  return ownVertices(g) * g.sheets() +
-         (g.isFlat() ? 0 : SharedVertices::countAtMost(*g.manifest().base, g.cellsPerPatchSide()));
+
+// Vertices of a patch that no other has.
+uint64_t ownVertices(const PatchLevels& p) { return (p.cells() - 1) * (p.cells() - 1); }
+uint64_t verticesOf(const ExportGrid& grid, const Detail& detail) {
+  if (grid.isFlat()) return grid.columns() * grid.rows();
+  uint64_t vertices = SharedVertices::count(*grid.manifest().base, detail.patches);
+  for (const PatchLevels& p : detail.patches) vertices += ownVertices(p);
+  return vertices;
 }
 
 // What one sheet gives: bytes of its own vertices (or of a soup's triangles), and its share of those on its border.
@@ -49,13 +70,60 @@ struct SheetOutput {
   std::optional<Error> error;
 };
 
+// Vertices of a patch's left and right sides, of which rows of its grid show others than their own where these have
+// fewer cells.
+class SnappedSides {
+ public:
+  // Rows of the patch that the reader has begun.
+  Result<void> read(SheetReader& reader, const PatchLevels& levels) {
+    levels_ = levels;
+    const uint8_t finest = std::max(levels.sides[kLeft], levels.sides[kRight]);
+    if (std::min(levels.sides[kLeft], levels.sides[kRight]) == levels.grid) return {};
+    shift_ = levels.grid - finest;
+    SheetRow row;
+    for (SheetRow& side : sides_) side = {};
+    for (uint64_t y = 0; y <= levels.cells(); y += uint64_t{1} << shift_) {
+      if (auto read = reader.read(y, row); !read) return read;
+      for (const size_t k : {0, 1}) append(sides_[k], row, k == 0 ? 0 : row.positions.size() - 1);
+    }
+    return {};
+  }
+  void apply(uint64_t y, SheetRow& row) const {
+    const uint64_t last = levels_.cells();
+    if (levels_.sides[kLeft] < levels_.grid) copy(row, 0, sides_[0], levels_.snapped(0, y)[1] >> shift_);
+    if (levels_.sides[kRight] < levels_.grid) copy(row, last, sides_[1], levels_.snapped(last, y)[1] >> shift_);
+    const Side side = y == 0 ? kTop : kBottom;
+    if ((y > 0 && y < last) || levels_.sides[side] == levels_.grid) return;
+    const SheetRow own = row;
+    for (uint64_t x = 0; x <= last; ++x) copy(row, x, own, levels_.snapped(x, y)[0]);
+  }
+
+ private:
+  static void copy(SheetRow& to, size_t at, const SheetRow& from, size_t place) {
+    if (!from.heights.empty()) to.heights[at] = from.heights[place];
+    to.positions[at] = from.positions[place];
+    if (!from.colours.empty()) to.colours[at] = from.colours[place];
+  }
+  static void append(SheetRow& to, const SheetRow& from, size_t place) {
+    if (!from.heights.empty()) to.heights.push_back(from.heights[place]);
+    to.positions.push_back(from.positions[place]);
+    if (!from.colours.empty()) to.colours.push_back(from.colours[place]);
+  }
+  PatchLevels levels_;
+  int shift_ = 0;
+  std::array<SheetRow, 2> sides_;  // left and right, every 2^shift_-th vertex
+};
+
 class MeshExport {
  public:
-  MeshExport(const ExportGrid& grid, const MeshFormat& format, const MeshExportOptions& options, const MeshFacts& facts)
-      : grid_(grid), format_(format), options_(options), facts_(facts) {
+  MeshExport(const ExportGrid& grid, const Detail& detail, const MeshFormat& format, const MeshExportOptions& options,
+             const MeshFacts& facts)
+      : grid_(grid), patches_(detail.patches), format_(format), options_(options), facts_(facts) {
+    for (int level = 0; level <= detail.level; ++level) grids_.emplace_back(grid, level);
     if (format.soup()) return;
-    if (!grid.isFlat()) shared_.emplace(*grid.manifest().base, grid.cellsPerPatchSide());
-    facts_.vertices = ownVertices(grid) * grid.sheets() + (shared_ ? shared_->size() : 0);
+    if (!grid.isFlat()) shared_.emplace(*grid.manifest().base, detail.patches);
+    own_first_.assign(1, 0);
+    for (const PatchLevels& p : patches_) own_first_.push_back(own_first_.back() + ownVertices(p));
   }
 
   const MeshFacts& facts() const { return facts_; }
@@ -67,71 +135,90 @@ class MeshExport {
   Result<void> walkSheet(SheetReader& reader, uint32_t sheet, SheetOutput& out, const Append& append);
   void emitRow(uint32_t sheet, uint64_t y, const SheetRow& row, const std::vector<glm::dvec3>& normals,
                SheetOutput& out) const;
-  void emitTriangles(const SheetRow& above, const SheetRow& below, SheetOutput& out) const;
+  void emitTriangles(uint32_t sheet, uint64_t y, const SheetRow& above, const SheetRow& below, SheetOutput& out) const;
   Result<void> merge(const SheetOutput& out);
   Result<void> writeShared(OutputFile& file);
   Result<void> writeFaces(OutputFile& file);
   uint32_t vertexIndex(uint32_t sheet, uint64_t x, uint64_t y) const;
+  const ExportGrid& gridOf(uint32_t sheet) const { return patches_.empty() ? grid_ : grids_[patches_[sheet].grid]; }
+  bool hasTriangle(uint32_t sheet, uint64_t x, uint64_t y, bool above) const {
+    return patches_.empty() || patches_[sheet].hasTriangle(x, y, above);
+  }
   bool interrupted() const { return options_.interrupted && options_.interrupted->load(std::memory_order_relaxed); }
   Error interruption() const { return {ErrorKind::kInterrupted, options_.output, "interrupted", "", {}}; }
   void report(double share) const {
     if (options_.progress) options_.progress(share);
   }
 
-  const ExportGrid& grid_;
+  const ExportGrid& grid_;  // the finest
+  const std::vector<PatchLevels>& patches_;
+  std::vector<ExportGrid> grids_;  // by level
   const MeshFormat& format_;
   const MeshExportOptions& options_;
   MeshFacts facts_;
+  std::vector<uint64_t> own_first_;  // of each patch's own vertices
   std::optional<SharedVertices> shared_;
   Bounds bounds_;
 };
 
 void MeshExport::emitRow(uint32_t sheet, uint64_t y, const SheetRow& row, const std::vector<glm::dvec3>& normals,
                          SheetOutput& out) const {
-  const bool end_row = y == 0 || y + 1 == grid_.rows();
-  for (uint64_t x = 0; x < grid_.columns(); ++x) {
-    if (shared_ && (end_row || x == 0 || x + 1 == grid_.columns())) {
-      out.border.push_back({shared_->index(sheet, x, y), glm::vec3(normals[x]),
+  const ExportGrid& grid = gridOf(sheet);
+  const bool end_row = y == 0 || y + 1 == grid.rows();
+  for (uint64_t x = 0; x < grid.columns(); ++x) {
+    if (shared_ && (end_row || x == 0 || x + 1 == grid.columns())) {
+      const auto [to_x, to_y] = patches_[sheet].snapped(x, y);
+      out.border.push_back({shared_->index(sheet, to_x, to_y), glm::vec3(normals[x]),
                             row.heights.empty() ? uint16_t{0} : row.heights[x], row.colours[x]});
       continue;
     }
-    const glm::vec3 normal =
-        unitNormal(normals[x], grid_.isFlat() ? glm::dvec3(0, 0, 1) : grid_.ray(sheet, x, y).along);
+    const glm::vec3 normal = unitNormal(normals[x], grid.isFlat() ? glm::dvec3(0, 0, 1) : grid.ray(sheet, x, y).along);
     format_.vertex(facts_, {row.positions[x], normal, row.colours[x]}, out.bytes);
     out.bounds.add(row.positions[x]);
   }
 }
 
-void MeshExport::emitTriangles(const SheetRow& above, const SheetRow& below, SheetOutput& out) const {
+void MeshExport::emitTriangles(uint32_t sheet, uint64_t y, const SheetRow& above, const SheetRow& below,
+                               SheetOutput& out) const {
   for (size_t x = 0; x + 1 < above.positions.size(); ++x) {
     const glm::dvec3 &a = above.positions[x], &b = above.positions[x + 1], &c = below.positions[x],
                      &d = below.positions[x + 1];
-    format_.triangle(facts_, {a, d, b}, out.bytes);
-    format_.triangle(facts_, {a, c, d}, out.bytes);
+    if (hasTriangle(sheet, x, y, true)) format_.triangle(facts_, {a, d, b}, out.bytes);
+    if (hasTriangle(sheet, x, y, false)) format_.triangle(facts_, {a, c, d}, out.bytes);
   }
 }
 
 Result<void> MeshExport::walkSheet(SheetReader& reader, uint32_t sheet, SheetOutput& out, const Append& append) {
+  const ExportGrid& grid = gridOf(sheet);
   reader.begin(sheet);
   SheetRow above, below;
-  std::vector<glm::dvec3> normals_above(grid_.columns(), glm::dvec3(0)), normals_below = normals_above;
-  if (auto read = reader.read(0, above); !read) return read;
-  for (uint64_t y = 0; y + 1 < grid_.rows(); ++y) {
+  SnappedSides sides;
+  const bool snapped = !patches_.empty() && patches_[sheet].isSnapped();
+  if (snapped)
+    if (auto read = sides.read(reader, patches_[sheet]); !read) return read;
+  auto readRow = [&](uint64_t y, SheetRow& row) {
+    auto read = reader.read(y, row);
+    if (read && snapped) sides.apply(y, row);
+    return read;
+  };
+  std::vector<glm::dvec3> normals_above(grid.columns(), glm::dvec3(0)), normals_below = normals_above;
+  if (auto read = readRow(0, above); !read) return read;
+  for (uint64_t y = 0; y + 1 < grid.rows(); ++y) {
     if (interrupted()) return interruption();
-    if (auto read = reader.read(y + 1, below); !read) return read;
+    if (auto read = readRow(y + 1, below); !read) return read;
     if (format_.soup()) {
-      emitTriangles(above, below, out);
+      emitTriangles(sheet, y, above, below, out);
     } else {
       std::fill(normals_below.begin(), normals_below.end(), glm::dvec3(0));
       addCrosses(above, below, normals_above, normals_below);
       emitRow(sheet, y, above, normals_above, out);
     }
     if (auto appended = append(out.bytes); !appended) return appended;
-    if (grid_.isFlat()) report(0.7 * static_cast<double>(y) / static_cast<double>(grid_.rows()));
+    if (grid.isFlat()) report(0.7 * static_cast<double>(y) / static_cast<double>(grid.rows()));
     std::swap(above, below);
     std::swap(normals_above, normals_below);
   }
-  if (!format_.soup()) emitRow(sheet, grid_.rows() - 1, above, normals_above, out);
+  if (!format_.soup()) emitRow(sheet, grid.rows() - 1, above, normals_above, out);
   return append(out.bytes);
 }
 
@@ -150,11 +237,25 @@ Result<void> MeshExport::merge(const SheetOutput& out) {
   return {};
 }
 
+// One worker's: patches of the same level one after the other have the same reader.
+class LevelReader {
+ public:
+  SheetReader& of(const ExportGrid& grid, const RowParts& parts) {
+    if (level_ != grid.level()) reader_.emplace(grid, parts);
+    level_ = grid.level();
+    return *reader_;
+  }
+
+ private:
+  std::optional<SheetReader> reader_;
+  int level_ = -1;
+};
+
 Result<void> MeshExport::writeSheets(OutputFile& file) {
   const RowParts parts{.colours = facts_.colours};
   const uint32_t sheets = grid_.sheets();
   if (sheets == 1) {
-    SheetReader reader(grid_, parts);
+    SheetReader reader(gridOf(0), parts);
     SheetOutput out;
     auto walked = walkSheet(reader, 0, out, [&](ByteBuffer& bytes) {
       auto appended = file.append(bytes);
@@ -165,15 +266,26 @@ Result<void> MeshExport::writeSheets(OutputFile& file) {
   }
   // A batch of sheets in memory, made by all workers, then appended in order.
   constexpr uint64_t kMostBytesPerVertex = 160;  // of a soup's two triangles, or of a line of text and a border's share
-  const uint64_t sheet_bytes = grid_.columns() * grid_.rows() * kMostBytesPerVertex;
-  const auto batch = static_cast<uint32_t>(std::clamp<uint64_t>(options_.memory_bytes / 4 / sheet_bytes, 1, 256));
-  for (uint32_t first = 0; first < sheets; first += batch) {
-    std::vector<SheetOutput> outputs(std::min(batch, sheets - first));
+  constexpr uint32_t kMostAtOnce = 256;
+  auto batchFrom = [&](uint32_t first) {
+    uint32_t count = 0;
+    for (uint64_t left = options_.memory_bytes / 4; first + count < sheets && count < kMostAtOnce; ++count) {
+      const ExportGrid& grid = gridOf(first + count);
+      const uint64_t bytes = grid.columns() * grid.rows() * kMostBytesPerVertex;
+      if (count > 0 && bytes > left) break;
+      left -= std::min(bytes, left);
+    }
+    return count;
+  };
+  for (uint32_t first = 0, batch = 0; first < sheets; first += batch) {
+    batch = batchFrom(first);
+    std::vector<SheetOutput> outputs(batch);
     const bool whole = parallelForWith(
-        outputs.size(), options_.workers, options_.interrupted, [&] { return SheetReader(grid_, parts); },
-        [&](SheetReader& reader, size_t i) {
-          auto walked = walkSheet(reader, first + static_cast<uint32_t>(i), outputs[i],
-                                  [](ByteBuffer&) { return Result<void>(); });
+        outputs.size(), options_.workers, options_.interrupted, [] { return LevelReader(); },
+        [&](LevelReader& reader, size_t i) {
+          const uint32_t sheet = first + static_cast<uint32_t>(i);
+          auto walked =
+              walkSheet(reader.of(gridOf(sheet), parts), sheet, outputs[i], [](ByteBuffer&) { return Result<void>(); });
           if (!walked) outputs[i].error = walked.error();
         });
     if (!whole) return interruption();
@@ -194,7 +306,7 @@ Result<void> MeshExport::writeShared(OutputFile& file) {
   for (uint64_t i = 0; shared_ && i < shared_->size(); ++i) {
     const SharedVertices::Vertex& v = (*shared_)[i];
     const SharedVertices::Place at = shared_->place(i);
-    const ExportGrid::Ray ray = grid_.ray(at.patch, at.x, at.y);
+    const ExportGrid::Ray ray = gridOf(at.patch).ray(at.patch, at.x, at.y);
     const glm::dvec3 position = ray.at(grid_.hasRelief() ? grid_.heightOf(v.height) : 0.0);
     format_.vertex(facts_, {position, unitNormal(v.normal, ray.along), v.colour}, bytes);
     bounds_.add(position);
@@ -208,26 +320,29 @@ Result<void> MeshExport::writeShared(OutputFile& file) {
 
 uint32_t MeshExport::vertexIndex(uint32_t sheet, uint64_t x, uint64_t y) const {
   if (!shared_) return static_cast<uint32_t>(y * grid_.columns() + x);
-  const uint64_t n = grid_.cellsPerPatchSide(), own = ownVertices(grid_);
-  if (x == 0 || x == n || y == 0 || y == n)
-    return static_cast<uint32_t>(own * grid_.sheets() + shared_->index(sheet, x, y));
-  return static_cast<uint32_t>(sheet * own + (y - 1) * (n - 1) + x - 1);
+  const uint64_t n = patches_[sheet].cells();
+  if (x == 0 || x == n || y == 0 || y == n) {
+    const auto [to_x, to_y] = patches_[sheet].snapped(x, y);
+    return static_cast<uint32_t>(own_first_.back() + shared_->index(sheet, to_x, to_y));
+  }
+  return static_cast<uint32_t>(own_first_[sheet] + (y - 1) * (n - 1) + x - 1);
 }
 
 Result<void> MeshExport::writeFaces(OutputFile& file) {
   if (format_.soup()) return {};
   ByteBuffer bytes;
   for (uint32_t sheet = 0; sheet < grid_.sheets(); ++sheet) {
-    std::vector<uint32_t> above(grid_.columns()), below(grid_.columns());
+    const ExportGrid& grid = gridOf(sheet);
+    std::vector<uint32_t> above(grid.columns()), below(grid.columns());
     auto indexRow = [&](uint64_t y, std::vector<uint32_t>& row) {
       for (uint64_t x = 0; x < row.size(); ++x) row[x] = vertexIndex(sheet, x, y);
     };
     indexRow(0, above);
-    for (uint64_t y = 0; y + 1 < grid_.rows(); ++y) {
+    for (uint64_t y = 0; y + 1 < grid.rows(); ++y) {
       indexRow(y + 1, below);
       for (size_t x = 0; x + 1 < above.size(); ++x) {
-        format_.face({above[x], below[x + 1], above[x + 1], 0}, 3, bytes);
-        format_.face({above[x], below[x], below[x + 1], 0}, 3, bytes);
+        if (hasTriangle(sheet, x, y, true)) format_.face({above[x], below[x + 1], above[x + 1], 0}, 3, bytes);
+        if (hasTriangle(sheet, x, y, false)) format_.face({above[x], below[x], below[x + 1], 0}, 3, bytes);
       }
       std::swap(above, below);
       if (auto appended = file.append(bytes); !appended) return appended;
@@ -283,44 +398,64 @@ Result<void> writeBase(OutputFile& file, const BaseMesh& base, const MeshFormat&
   return {};
 }
 
-Result<int> chooseLevel(const std::shared_ptr<const Package>& package, const MeshExportOptions& o) {
-  const int finest = ExportGrid::finestLevel(package->manifest());
-  if (o.level) {
-    if (*o.level >= 0 && *o.level <= finest) return *o.level;
+// As chooseDetail(), where all patches have the same level.
+Result<Detail> chooseLevel(const std::shared_ptr<const Package>& package, const MeshExportOptions& o) {
+  const Manifest& m = package->manifest();
+  const int finest = ExportGrid::finestLevel(m);
+  if (o.level && (*o.level < 0 || *o.level > finest))
     return Error{ErrorKind::kUsage,
                  package->path(),
                  "expected a --level of 0 to " + std::to_string(finest) + ", found " + std::to_string(*o.level),
                  "level " + std::to_string(finest) + " is its full detail",
                  {}};
-  }
-  if (!o.error_mm) return finest;
-  for (int level = 0; level < finest; ++level) {
+  for (int level = o.error_mm ? 0 : o.level.value_or(finest);; ++level) {
     auto bound = ExportGrid(package, level).errorBound(o.interrupted);
     if (!bound) return bound.error();
-    if (*bound && **bound <= *o.error_mm) return level;
+    const bool enough = !o.error_mm || level == finest || (*bound && **bound <= *o.error_mm);
+    if (!enough) continue;
+    Detail out = Detail::uniform(m, level);
+    out.error_mm = *bound;
+    return out;
   }
-  return finest;
+}
+Result<Detail> chooseDetail(const std::shared_ptr<const Package>& package, const MeshExportOptions& o) {
+  const Manifest& m = package->manifest();
+  if (!o.error_mm || m.domain.isFlat() || m.domain.relief_depth < 0) return chooseLevel(package, o);
+  auto errors = patchErrors(*package, o.interrupted);
+  if (!errors) return errors.error();
+  Detail out;
+  out.patches = patchLevelsWithin(patchNeighbours(*m.base), *errors, *o.error_mm);
+  out.error_mm = errorOf(out.patches, *errors);
+  const auto [least, most] =
+      std::minmax_element(out.patches.begin(), out.patches.end(),
+                          [](const PatchLevels& a, const PatchLevels& b) { return a.grid < b.grid; });
+  out.least_level = least->grid;
+  out.level = most->grid;
+  return out;
 }
 
-std::string aboutText(const Package& package, const ExportGrid* grid, const std::optional<double>& error_mm) {
+std::string cellsText(int least_level, int level) {
+  std::string text = std::to_string(uint64_t{1} << level) + " cells a patch side";
+  return least_level == level ? text : std::to_string(uint64_t{1} << least_level) + " to " + text;
+}
+std::string aboutText(const Package& package, const Detail* detail) {
   const std::string& path = package.path();
   std::string text = printable(path.substr(path.rfind('/') + 1)) + ", exported by relievo " RELIEVO_VERSION;
-  if (!grid) return text + ", base mesh";
-  text += ", " + std::to_string(grid->cellsPerPatchSide()) + " cells a patch side";
-  if (!error_mm) return text;
+  if (!detail) return text + ", base mesh";
+  text += ", " + cellsText(detail->least_level, detail->level);
+  if (!detail->error_mm) return text;
   char number[40];
-  std::snprintf(number, sizeof number, "%.3g", *error_mm);
+  std::snprintf(number, sizeof number, "%.3g", *detail->error_mm);
   return text + ", within " + number + (package.manifest().size_known ? " mm" : " px") + " of full detail";
 }
 
 // Memory that grows with the mesh, or with the artwork's width.
-Result<void> checkMemory(const ExportGrid& grid, const MeshExportOptions& o, bool soup) {
+Result<void> checkMemory(const ExportGrid& grid, const Detail& detail, const MeshExportOptions& o, bool soup) {
   const bool many = grid.sheets() > 1;
   uint64_t bytes =
       SheetReader::bytes(grid, {.colours = !soup}) * (many ? static_cast<uint64_t>(workerCount(o.workers)) : 1);
   if (!grid.isFlat() && !soup)
-    bytes +=
-        SharedVertices::countAtMost(*grid.manifest().base, grid.cellsPerPatchSide()) * sizeof(SharedVertices::Vertex);
+    bytes += SharedVertices::count(*grid.manifest().base, detail.patches) * sizeof(SharedVertices::Vertex);
   if (many) bytes += grid.columns() * grid.rows() * 160;
   if (bytes <= o.memory_bytes) return {};
   return Error{ErrorKind::kUsage,
@@ -356,13 +491,13 @@ Result<void> compressIfAsked(OutputFile& file, const MeshFacts& facts, const Mes
   return {};
 }
 
-MeshFacts factsOf(const ExportGrid& grid, const MeshFormat& format) {
+MeshFacts factsOf(const ExportGrid& grid, const Detail& detail, const MeshFormat& format) {
   MeshFacts facts;
   facts.origin = grid.originMm();
   facts.extent = std::max(grid.extent(), 1e-12);
   facts.size_known = grid.manifest().size_known;
   facts.colours = !format.soup();
-  facts.faces = 2 * (grid.columns() - 1) * (grid.rows() - 1) * grid.sheets();
+  facts.faces = facesOf(grid, detail);
   return facts;
 }
 
@@ -373,7 +508,7 @@ Result<MeshExportReport> exportBase(const std::shared_ptr<const Package>& packag
     return Error{
         ErrorKind::kUsage, package->path(), "is a flat artwork, which has no base mesh", "leave out --base", {}};
   const BaseMesh& base = *package->manifest().base;
-  MeshFacts facts = factsOf(grid, format);
+  MeshFacts facts = factsOf(grid, {}, format);
   facts.colours = false;
   facts.corners = format.quads() ? 4 : 3;
   facts.faces = base.patches.size() * (format.quads() ? 1 : 2);
@@ -381,7 +516,7 @@ Result<MeshExportReport> exportBase(const std::shared_ptr<const Package>& packag
   for (const auto& patch : base.patches)
     for (const uint32_t corner : patch) used[corner] = true;
   facts.vertices = static_cast<uint64_t>(std::count(used.begin(), used.end(), true));
-  facts.about = aboutText(*package, nullptr, {});
+  facts.about = aboutText(*package, nullptr);
   if (auto good = format.check(o.output, facts); !good) return good.error();
   if (auto good = checkDraco(format, facts, o); !good) return good.error();
   auto file = OutputFile::create(o.output);
@@ -406,21 +541,19 @@ Result<MeshExportReport> exportMesh(std::shared_ptr<const Package> package, cons
   auto format = meshFormatOf(o.output);
   if (!format) return format.error();
   if (o.base) return exportBase(package, **format, o);
-  auto level = chooseLevel(package, o);
-  if (!level) return level.error();
-  const ExportGrid grid(package, *level);
-  MeshFacts facts = factsOf(grid, **format);
+  auto detail = chooseDetail(package, o);
+  if (!detail) return detail.error();
+  const ExportGrid grid(package, detail->level);
+  MeshFacts facts = factsOf(grid, *detail, **format);
   const bool soup = (*format)->soup();
-  if (!soup) facts.vertices = verticesAtMost(grid);
+  if (!soup) facts.vertices = verticesOf(grid, *detail);
   if (auto good = (*format)->check(o.output, facts); !good) return good.error();
-  if (auto good = checkMemory(grid, o, soup); !good) return good.error();
+  if (auto good = checkMemory(grid, *detail, o, soup); !good) return good.error();
   if (auto good = checkDraco(**format, facts, o); !good) return good.error();
-  auto bound = grid.errorBound(o.interrupted);
-  if (!bound) return bound.error();
-  auto coarser = ExportGrid(package, std::max(*level - 1, 0)).errorBound(o.interrupted);
+  auto coarser = ExportGrid(grid, std::max(detail->level - 1, 0)).errorBound(o.interrupted);
   if (!coarser) return coarser.error();
-  facts.about = aboutText(*package, &grid, *bound);
-  MeshExport mesh(grid, **format, o, facts);
+  facts.about = aboutText(*package, &*detail);
+  MeshExport mesh(grid, *detail, **format, o, facts);
   auto file = OutputFile::create(o.output);
   if (!file) return file.error();
   if (auto done = mesh.write(*file); !done) return done.error();
@@ -429,11 +562,12 @@ Result<MeshExportReport> exportMesh(std::shared_ptr<const Package> package, cons
   if (auto done = compressIfAsked(*file, mesh.facts(), o, report); !done) return done.error();
   const uint64_t bytes = file->size();
   if (auto done = file->commit(); !done) return done.error();
-  report.level = *level;
+  report.least_level = detail->least_level;
+  report.level = detail->level;
   report.faces = facts.faces;
   report.file_bytes = bytes;
-  report.error_mm = *bound;
-  if (*level > 0) report.coarser_error_mm = *coarser;
+  report.error_mm = detail->error_mm;
+  if (detail->level > 0) report.coarser_error_mm = *coarser;
   report.from_origin = countsFromOrigin(facts);
   report.origin_mm = facts.origin;
   return report;

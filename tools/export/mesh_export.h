@@ -1,5 +1,6 @@
 // mesh_export.h - an artwork's surface as one welded mesh in a file (mesh_format.h). All patches have 2^level cells a
-// side, cells are cut along (0,0)-(1,1): at the finest level these are the triangles that a package states
+// side; within an error, over a base mesh, each has as many as it needs, and they meet as they are drawn
+// (patch_levels.h). Cells are cut along (0,0)-(1,1): at the finest level these are the triangles that a package states
 // (texturing/PACKAGE.md). Vertices on sides and corners that patches share are one vertex, known by the base mesh's
 // corners and sides, not by their coordinates: what is closed stays closed, and there are no T-junctions.
 //
@@ -25,7 +26,7 @@ namespace relievo {
 
 struct MeshExportOptions {
   std::string output;        // its suffix decides on the format
-  std::optional<int> level;  // nothing: full detail, or the coarsest level within error_mm
+  std::optional<int> level;  // nothing: full detail, or the coarsest levels within error_mm
   std::optional<double> error_mm;
   bool base = false;   // the base mesh alone, with the normals of its corners
   int draco_bits = 0;  // of a .glb: compressed by Draco, positions of so many bits a coordinate (glb_draco.h); 0: not
@@ -35,11 +36,11 @@ struct MeshExportOptions {
   const std::atomic<bool>* interrupted = nullptr;
 };
 struct MeshExportReport {
-  int level = 0;
+  int least_level = 0, level = 0;  // of the patches with the fewest and the most cells
   uint64_t vertices = 0, faces = 0, file_bytes = 0;
   bool quads = false;
   std::optional<double> error_mm;          // upper bound of the distance from full detail; nothing: not known
-  std::optional<double> coarser_error_mm;  // the same of the next coarser level
+  std::optional<double> coarser_error_mm;  // the same of the next coarser level of all patches
   bool from_origin = false;                // positions in the file count from origin_mm
   glm::dvec3 origin_mm{0};
   std::optional<double> draco_step;  // positions are rounded to multiples of it, mm (px where no size is known)

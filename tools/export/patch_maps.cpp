@@ -118,7 +118,7 @@ class PatchMaps {
     if (parts.positions) one += 2 * grid_.columns() * sizeof(glm::dvec3);
     uint64_t sum = one * atlas_.columns + writtenRowBytes(atlas_.width(), form_);
     if (parts.positions)
-      sum += SharedVertices::countAtMost(*grid_.manifest().base, grid_.cellsPerPatchSide()) *
+      sum += SharedVertices::count(*grid_.manifest().base, uniformLevels(grid_.sheets(), grid_.level())) *
              sizeof(SharedVertices::Vertex);
     return sum;
   }
@@ -158,7 +158,7 @@ class PatchMaps {
 
   // Vertices that patches share have the triangles of all of them around.
   Result<void> sumBorders(const RowParts& parts) {
-    shared_.emplace(*grid_.manifest().base, grid_.cellsPerPatchSide());
+    shared_.emplace(*grid_.manifest().base, uniformLevels(grid_.sheets(), grid_.level()));
     PatchWalk walk(grid_, parts);
     const uint64_t last = atlas_.tile - 1;
     for (uint32_t p = 0; p < atlas_.patches; ++p) {

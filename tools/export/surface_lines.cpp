@@ -157,14 +157,14 @@ Result<SurfaceLines> trace(const std::shared_ptr<const Package>& package, const 
                  "allow more, or choose a coarser --level or fewer lines",
                  {}};
   };
-  uint64_t held = grid.isFlat()
-                      ? 0
-                      : SharedVertices::countAtMost(*m.base, grid.cellsPerPatchSide()) * sizeof(SharedVertices::Vertex);
+  uint64_t held = grid.isFlat() ? 0
+                                : SharedVertices::count(*m.base, uniformLevels(grid.sheets(), grid.level())) *
+                                      sizeof(SharedVertices::Vertex);
   const RowParts parts = SheetReader::within(grid, {.colours = false}, o.memory_bytes / 2);
   held += SheetReader::bytes(grid, parts) + grid.columns() * 2 * sizeof(Corner);
   if (held > o.memory_bytes) return refuseMemory(held);
   std::optional<SharedVertices> shared;
-  if (!grid.isFlat()) shared.emplace(*m.base, grid.cellsPerPatchSide());
+  if (!grid.isFlat()) shared.emplace(*m.base, uniformLevels(grid.sheets(), grid.level()));
   const uint64_t sheet_vertices = grid.columns() * grid.rows(), names = sheet_vertices * grid.sheets();
   const auto vertexName = [&](uint32_t sheet, uint64_t x, uint64_t y) {
     const bool border = x == 0 || y == 0 || x + 1 == grid.columns() || y + 1 == grid.rows();

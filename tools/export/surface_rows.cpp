@@ -28,7 +28,17 @@ int ExportGrid::finestLevel(const Manifest& m) {
 }
 
 ExportGrid::ExportGrid(std::shared_ptr<const Package> package, int level)
-    : package_(std::move(package)), texture_pages_(std::make_shared<const TexturePages>(package_)), level_(level) {
+    : package_(std::move(package)), texture_pages_(std::make_shared<const TexturePages>(package_)) {
+  setLevel(level);
+}
+
+ExportGrid::ExportGrid(const ExportGrid& other, int level)
+    : package_(other.package_), texture_pages_(other.texture_pages_) {
+  setLevel(level);
+}
+
+void ExportGrid::setLevel(int level) {
+  level_ = level;
   columns_ = rows_ = cellsPerPatchSide() + 1;
   if (isFlat()) {
     const FlatDomain d = manifest().domain.flat();

@@ -34,6 +34,8 @@ class ExportGrid {
  public:
   // level: 0 .. finestLevel().
   ExportGrid(std::shared_ptr<const Package> package, int level);
+  // Of the same package.
+  ExportGrid(const ExportGrid& other, int level);
   // Of an artwork without relief, the level at which a cell is a texel: vertices carry the colours.
   static int finestLevel(const Manifest& manifest);
 
@@ -68,10 +70,11 @@ class ExportGrid {
   Result<std::optional<double>> errorBound(const std::atomic<bool>* stop = nullptr) const;
 
  private:
+  void setLevel(int level);
   std::shared_ptr<const Package> package_;
   std::shared_ptr<const TexturePages> texture_pages_;
-  int level_;
-  uint64_t columns_, rows_;
+  int level_ = 0;
+  uint64_t columns_ = 0, rows_ = 0;
 };
 
 struct SheetRow {
