@@ -18,8 +18,6 @@
 namespace relievo {
 namespace {
 
-constexpr double kMostCacheMib = 1024;  // that nobody asked for
-
 constexpr uint64_t kMaxStateBytes = 1 << 20;
 constexpr std::array kStateKeys{"azimuth_deg",  "elevation_deg", "distance_mm", "fov_deg",
                                 "orthographic", "target_mm",     "light"};

@@ -38,6 +38,8 @@ namespace relievo {
 inline constexpr int kMaxFeedbackInterval = 16;
 inline constexpr double kSpareCacheMib = 64;
 
+inline constexpr double kMostCacheMib = 1024;  // of programs where nobody named a size
+
 struct EngineOptions {
   double cache_mib = 256;  // all planes together, and the patches' tails
   // An artwork that needs more than cache_mib, as those of many patches do, gets what it needs and kSpareCacheMib, up

@@ -220,6 +220,7 @@ Result<void> frameTimeBench(BenchContext& context) {
   Scene exact;
   exact.light = {-0.6, 0.5, 0.6};
   EngineOptions options;
+  options.most_cache_mib = kMostCacheMib;
   options.interrupted = context.interrupted;
   auto engine = Engine::create(artwork, exact, options);
   if (!engine) return engine.error();
