@@ -28,7 +28,7 @@ struct ExportArguments {
   std::string file, output;
   std::optional<int> level;
   std::optional<double> error_mm;
-  int draco_bits = 0;
+  int draco_bits = 0, maps_px = 0;
   bool base = false;
   std::string map, normal_y = "up", light = "0,0,1";
   std::optional<double> contours;
@@ -58,6 +58,7 @@ void printReport(const ExportArguments& o, const MeshExportReport& r, bool size_
   else if (!o.base && r.error_mm) printOutf(", within %.3g %s of full detail", *r.error_mm, unit);
   else if (!o.base) printOutf(", no bound of its error is known");
   printOutf(", %.1f MiB, %.1f s\n", static_cast<double>(r.file_bytes) / (1 << 20), seconds);
+  if (r.maps_px) printOutf("  colours and normals in images of %d x %d px\n", (*r.maps_px)[0], (*r.maps_px)[1]);
   if (r.draco_step) printOutf("  compressed by Draco: positions in steps of %.3g %s\n", *r.draco_step, unit);
   if (!o.base && r.coarser_error_mm && !o.error_mm)
     printOutf("  level %d has a quarter of the triangles, within %.3g %s of full detail\n", r.level - 1,
@@ -197,6 +198,7 @@ Result<void> exportAsMesh(const ExportArguments& o, const std::shared_ptr<const 
     options.error_mm = o.error_mm;
     options.base = o.base;
     options.draco_bits = o.draco_bits;
+    options.maps_px = o.maps_px;
     options.memory_bytes = o.memory_mib << 20;
     options.workers = o.workers;
     options.progress = [&](double share) { line.update(share, o.output); };
@@ -240,14 +242,18 @@ constexpr const char* kExportFooter =
     "Example:\n"
     "  relievo export statue.relievo -o statue.ply\n"
     "  relievo export statue.relievo -o web.glb --error-mm 0.2 --draco 16\n"
+    "  relievo export statue.relievo -o blender.glb --error-mm 0.5 --maps 4096\n"
     "  relievo export tablet.relievo -o heights.tif --map height\n"
     "  relievo export tablet.relievo -o raking.tif --map lit --light -1,0,0.3\n"
     "  relievo export statue.relievo -o relief.exr --map displacement --level 6\n"
     "  relievo export tablet.relievo -o contours.svg --contours 0.5\n"
     "  relievo export statue.relievo -o waist.svg --plane 0,1,0,350\n\n"
-    "Vertices are welded and all patches have the same cells: what is closed stays closed. Colours (sRGB; none in "
-    ".stl) are the albedo,\n"
-    "or the picture under light from the front; normals are the mesh's own.\n"
+    "Vertices are welded, and patches meet without gaps: what is closed stays closed. Colours (sRGB; none in .stl) are "
+    "the albedo, or\n"
+    "the picture under light from the front; normals are the mesh's own. With --maps both are images, as dense as "
+    "these "
+    "may be large, and\n"
+    "a mesh of few triangles looks as the scan does; patches then have vertices of their own along their borders.\n"
     "Lengths are mm in the scan's own coordinates (px where no size is known); a flat artwork lies around its centre, "
     "x right, y up.\n"
     ".ply and .stl hold floats. Where these would lose detail because the scan lies far from its zero, positions count "
@@ -336,6 +342,14 @@ void addExportCommand(CLI::App& app, CommandContext& context) {
        "what a scan's package promises [not compressed]")
       ->check(CLI::Range(8, 24))
       ->excludes(map);
+  c->add_option(
+       "--maps", o->maps_px,
+       "Of a scan's .glb: colours and normals in images of at most so many px a side, in the place of vertices' "
+       "colours [none]")
+      ->check(CLI::Range(64, 16384))
+      ->excludes(map)
+      ->excludes(base)
+      ->excludes("--draco");
   addLineOptions(*c, *o, {error, base, map});
   c->add_option("--light", o->light, "X,Y,Z towards the light of --map lit: right, up, to the viewer")
       ->check(threeNumbers)

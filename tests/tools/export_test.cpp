@@ -19,6 +19,7 @@
 #include "texturing/import/image_io.h"
 #include "texturing/package/package_builder.h"
 #include "texturing/package/patch_package_builder.h"
+#include "tools/export/map_atlas.h"
 #include "tools/export/map_export.h"
 #include "tools/export/mesh_export.h"
 #include "tools/export/patch_levels.h"
@@ -605,6 +606,180 @@ TEST_F(ExportBall, GlbHoldsTheMeshOfThePly) {
   std::string longer = bytes;
   longer[8] = static_cast<char>(longer[8] + 4);
   EXPECT_NE(parseGlb(longer).problem, "");
+}
+
+// What a viewer makes of a .glb with maps: its images, and what its vertices say at a place of them.
+struct TexturedGlb {
+  explicit TexturedGlb(const Glb& from, const std::string& folder) : glb(from) {
+    const auto& json = glb.json;
+    for (const auto& image : json["images"]) {
+      const auto& view = json["bufferViews"][image["bufferView"].get<size_t>()];
+      const std::string name = folder + image["name"].get<std::string>() + ".png";
+      std::ofstream(name, std::ios::binary)
+          << glb.binary.substr(view["byteOffset"].get<size_t>(), view["byteLength"].get<size_t>());
+      auto read = readImage8(name, {});
+      EXPECT_TRUE(read.ok()) << read.error().text();
+      images.push_back(std::move(*read));
+    }
+    const auto& of = json["meshes"][0]["primitives"][0]["attributes"];
+    auto vectors = [&](const char* name, size_t components) {
+      std::vector<glm::dvec4> out(json["accessors"][of[name].get<size_t>()]["count"].get<size_t>(), glm::dvec4(0));
+      for (size_t i = 0; i < out.size(); ++i)
+        for (size_t c = 0; c < components; ++c) out[i][static_cast<glm::length_t>(c)] = glbValue(glb, of[name], i, c);
+      return out;
+    };
+    positions = vectors("POSITION", 3), normals = vectors("NORMAL", 3), tangents = vectors("TANGENT", 4),
+    uv = vectors("TEXCOORD_0", 2);
+    for (size_t i = 0; i < json["accessors"][2]["count"].get<size_t>(); ++i)
+      indices.push_back(static_cast<uint32_t>(glbValue(glb, 2, i, 0)));
+  }
+  // In px of the images.
+  glm::dvec2 pixel(uint32_t v) const { return {uv[v].x * images[0].width, uv[v].y * images[0].height}; }
+  std::array<uint8_t, 3> texel(size_t image, int x, int y) const {
+    std::array<uint8_t, 3> out;
+    for (size_t c = 0; c < 3; ++c)
+      out[c] = images[image].pixels[3 * static_cast<size_t>(y * images[image].width + x) + c];
+    return out;
+  }
+  Glb glb;
+  std::vector<Image8> images;
+  std::vector<glm::dvec4> positions, normals, tangents, uv;
+  std::vector<uint32_t> indices;
+};
+
+TEST_F(ExportBall, GlbWithMapsShowsTheColoursAndNormalsOfTheTexels) {
+  const GradedPatches source(cubeSphere(2, 40, 3), 0, 0, 7);
+  const auto package = packageOf(source);
+  const double error = 0.1;
+  const MeshExportReport report = exported(package, "ball.glb", {.error_mm = error, .maps_px = 2048});
+  ASSERT_TRUE(report.maps_px.has_value());
+  const Glb glb = parseGlb(bytesOf(folder_.file("ball.glb")));
+  ASSERT_EQ(glb.problem, "");
+  const TexturedGlb shown(glb, folder_.file(""));
+  ASSERT_EQ(shown.images.size(), 2u);
+  const auto& material = glb.json["materials"][0];
+  EXPECT_EQ(material["pbrMetallicRoughness"]["baseColorTexture"]["index"], 0);
+  EXPECT_EQ(material["normalTexture"]["index"], 1);
+  EXPECT_EQ(shown.images[0].width, (*report.maps_px)[0]);
+  EXPECT_EQ(shown.images[0].height, (*report.maps_px)[1]);
+
+  // The same surface as without maps: the same triangles, with the same bits.
+  const MeshExportReport plain = exported(package, "plain.glb", {.error_mm = error});
+  EXPECT_EQ(report.faces, plain.faces);
+  EXPECT_EQ(shown.indices.size(), 3 * plain.faces);
+  const Glb welded = parseGlb(bytesOf(folder_.file("plain.glb")));
+  const auto trianglesOf = [](const Glb& of) {
+    std::multiset<std::array<std::array<double, 3>, 3>> out;
+    for (size_t i = 0; i < of.json["accessors"][2]["count"].get<size_t>(); i += 3) {
+      std::array<std::array<double, 3>, 3> t;
+      for (size_t k = 0; k < 3; ++k)
+        for (size_t c = 0; c < 3; ++c) t[k][c] = glbValue(of, 0, static_cast<size_t>(glbValue(of, 2, i + k, 0)), c);
+      std::rotate(t.begin(), std::min_element(t.begin(), t.end()), t.end());
+      out.insert(t);
+    }
+    return out;
+  };
+  EXPECT_TRUE(trianglesOf(glb) == trianglesOf(welded));
+
+  // Tiles are the patches' texels. On the triangle that shows it, a texel's normal is the package's.
+  const auto atlas = MapAtlas::create(package, 2048);
+  ASSERT_TRUE(atlas.ok());
+  size_t compared = 0, triangles_seen = 0;
+  double worst = 0, mean = 0;
+  for (uint32_t p = 0; p < source.base().patches.size(); ++p) {
+    const MapAtlas::Tile tile = atlas->tile(p);
+    EXPECT_EQ(tile.side, 128) << "all fit";
+    for (int y = 0; y < tile.side; y += 5)
+      for (int x = 0; x < tile.side; x += 7)
+        for (size_t c = 0; c < 3; ++c)
+          ASSERT_EQ(shown.texel(0, tile.x + x, tile.y + y)[c], source.texel(p, static_cast<int>(c), x, y)) << p;
+  }
+  for (size_t i = 0; i < shown.indices.size(); i += 3) {
+    const std::array corner{shown.indices[i], shown.indices[i + 1], shown.indices[i + 2]};
+    const glm::dvec2 a = shown.pixel(corner[0]), e = shown.pixel(corner[1]) - a, f = shown.pixel(corner[2]) - a;
+    const double det = e.x * f.y - e.y * f.x;
+    if (std::abs(det) < 1) continue;
+    EXPECT_LT(det, 0) << "counter-clockwise, with v down";
+    const glm::dvec2 centre = glm::floor(a + (e + f) / 3.0) + 0.5, at = centre - a;
+    const double to_e = (at.x * f.y - at.y * f.x) / det, to_f = (e.x * at.y - e.y * at.x) / det;
+    if (to_e < 0 || to_f < 0 || to_e + to_f > 1) continue;  // no centre of a texel
+    ++triangles_seen;
+    uint32_t patch = 0;
+    const auto in = [&](const MapAtlas::Tile& t) {
+      return centre.x > t.x && centre.x < t.x + t.side && centre.y > t.y && centre.y < t.y + t.side;
+    };
+    while (!in(atlas->tile(patch))) ++patch;
+    const MapAtlas::Tile tile = atlas->tile(patch);
+    const int x = static_cast<int>(centre.x), y = static_cast<int>(centre.y);
+    glm::dvec3 expected;
+    for (int c = 0; c < 3; ++c) expected[c] = source.texel(patch, 3 + c, x - tile.x, y - tile.y) - 127.5;
+    const auto mixed = [&](const std::vector<glm::dvec4>& of) {
+      return glm::dvec3((1 - to_e - to_f) * of[corner[0]] + to_e * of[corner[1]] + to_f * of[corner[2]]);
+    };
+    const glm::dvec3 normal = mixed(shown.normals), tangent = mixed(shown.tangents);
+    EXPECT_EQ(shown.tangents[corner[0]].w, 1);
+    expected = glm::normalize(expected);
+    const glm::dmat3 axes(tangent, glm::cross(normal, tangent), normal);
+    if ((glm::inverse(axes) * expected).z < 0.1) continue;  // no normal map shows what faces away
+    const auto bytes = shown.texel(1, x, y);
+    const glm::dvec3 map = glm::dvec3(bytes[0], bytes[1], bytes[2]) / 127.5 - 1.0;
+    const glm::dvec3 found = glm::normalize(map.x * tangent + map.y * glm::cross(normal, tangent) + map.z * normal);
+    const double off = std::acos(std::min(glm::dot(found, expected), 1.0)) * 180 / 3.14159265358979;
+    worst = std::max(worst, off);
+    mean += off;
+    ++compared;
+  }
+  EXPECT_GT(compared, 200u);
+  EXPECT_GT(compared, triangles_seen / 10);
+  mean /= static_cast<double>(compared);
+  EXPECT_LT(mean, 0.5) << "degrees, of 8 bits";
+  EXPECT_LT(worst, 5);
+  std::cout << "[ figures  ] normals of the map: mean " << mean << ", at most " << worst << " degrees off, of "
+            << compared << "\n";
+}
+
+TEST_F(ExportBall, MapsFitTheSideThatIsAllowedOrAreRefused) {
+  const auto package = packageOf(NoisyPatches(cubeSphere(3, 40, 3), 1, 0, 7));
+  int last = 1 << 20;
+  for (const int most : {4096, 1024, 512, 128, 64, 16}) {
+    const auto atlas = MapAtlas::create(package, most);
+    if (most == 16) {
+      ASSERT_FALSE(atlas.ok());
+      EXPECT_EQ(atlas.error().kind, ErrorKind::kUsage);
+      break;
+    }
+    ASSERT_TRUE(atlas.ok()) << atlas.error().text();
+    EXPECT_LE(std::max(atlas->width(), atlas->height()), most);
+    std::vector<uint8_t> taken(static_cast<size_t>(atlas->width()) * static_cast<size_t>(atlas->height()));
+    size_t texels = 0;
+    for (uint32_t p = 0; p < 54; ++p) {
+      const MapAtlas::Tile t = atlas->tile(p);
+      EXPECT_LE(t.side, std::min(last, 256));
+      for (int y = t.y - 1; y <= t.y + t.side; ++y)
+        for (int x = t.x - 1; x <= t.x + t.side; ++x, ++texels)
+          EXPECT_EQ(taken.at(static_cast<size_t>(y * atlas->width() + x))++, 0) << "tiles overlap";
+    }
+    EXPECT_GT(texels, taken.size() / 3);
+    last = 0;
+    for (uint32_t p = 0; p < 54; ++p) last = std::max(last, atlas->tile(p).side);
+    // A tile of fewer texels has their means, and its border is the neighbour's.
+    PageDecoder decoder;
+    MapAtlas::Texels read;
+    ASSERT_TRUE(atlas->read(7, decoder, read).ok());
+    EXPECT_EQ(read.side, atlas->tile(7).side + 2);
+    EXPECT_EQ(read.colours.size(), static_cast<size_t>(read.side * read.side));
+    for (const glm::vec3& n : read.normals) EXPECT_NEAR(glm::length(n), 1, 1e-5);
+  }
+  MeshExportOptions options;
+  options.maps_px = 512;
+  options.output = folder_.file("maps.ply");
+  EXPECT_EQ(exportMesh(package, options).error().kind, ErrorKind::kUsage);
+  options.output = folder_.file("maps.glb");
+  options.memory_bytes = 1 << 20;
+  EXPECT_EQ(exportMesh(package, options).error().kind, ErrorKind::kUsage);
+  for (const int workers : {1, 5})
+    exported(package, "maps" + std::to_string(workers) + ".glb", {.level = 3, .maps_px = 512, .workers = workers});
+  EXPECT_TRUE(bytesOf(folder_.file("maps1.glb")) == bytesOf(folder_.file("maps5.glb")));
 }
 
 // ---- flat artworks ----

@@ -10,11 +10,13 @@
 #include "src/base/parallel_for.h"
 #include "src/base/printable.h"
 #include "tools/export/glb_draco.h"
+#include "tools/export/mesh_detail.h"
 #include "tools/export/mesh_format.h"
 #include "tools/export/patch_levels.h"
 #include "tools/export/shared_vertices.h"
 #include "tools/export/surface_normals.h"
 #include "tools/export/surface_rows.h"
+#include "tools/export/textured_glb.h"
 
 namespace relievo {
 namespace {
@@ -33,34 +35,6 @@ struct BorderVertex {
   uint16_t height;
   glm::u8vec3 colour;
 };
-
-// How fine an export is. patches: none of a flat artwork, whose one sheet has the grid's cells.
-struct Detail {
-  int least_level = 0, level = 0;
-  std::vector<PatchLevels> patches;
-  std::optional<double> error_mm;
-
-  static Detail uniform(const Manifest& manifest, int level) {
-    Detail out{.least_level = level, .level = level};
-    if (!manifest.domain.isFlat()) out.patches = uniformLevels(manifest.domain.patchCount(), level);
-    return out;
-  }
-};
-
-uint64_t facesOf(const ExportGrid& grid, const Detail& detail) {
-  uint64_t faces = grid.isFlat() ? 2 * (grid.columns() - 1) * (grid.rows() - 1) : 0;
-  for (const PatchLevels& p : detail.patches) faces += p.triangles();
-  return faces;
-}
-
-// Vertices of a patch that no other has.
-uint64_t ownVertices(const PatchLevels& p) { return (p.cells() - 1) * (p.cells() - 1); }
-uint64_t verticesOf(const ExportGrid& grid, const Detail& detail) {
-  if (grid.isFlat()) return grid.columns() * grid.rows();
-  uint64_t vertices = SharedVertices::count(*grid.manifest().base, detail.patches);
-  for (const PatchLevels& p : detail.patches) vertices += ownVertices(p);
-  return vertices;
-}
 
 // What one sheet gives: bytes of its own vertices (or of a soup's triangles), and its share of those on its border.
 struct SheetOutput {
@@ -116,14 +90,14 @@ class SnappedSides {
 
 class MeshExport {
  public:
-  MeshExport(const ExportGrid& grid, const Detail& detail, const MeshFormat& format, const MeshExportOptions& options,
-             const MeshFacts& facts)
+  MeshExport(const ExportGrid& grid, const MeshDetail& detail, const MeshFormat& format,
+             const MeshExportOptions& options, const MeshFacts& facts)
       : grid_(grid), patches_(detail.patches), format_(format), options_(options), facts_(facts) {
     for (int level = 0; level <= detail.level; ++level) grids_.emplace_back(grid, level);
     if (format.soup()) return;
     if (!grid.isFlat()) shared_.emplace(*grid.manifest().base, detail.patches);
     own_first_.assign(1, 0);
-    for (const PatchLevels& p : patches_) own_first_.push_back(own_first_.back() + ownVertices(p));
+    for (const PatchLevels& p : patches_) own_first_.push_back(own_first_.back() + p.ownVertices());
   }
 
   const MeshFacts& facts() const { return facts_; }
@@ -398,59 +372,8 @@ Result<void> writeBase(OutputFile& file, const BaseMesh& base, const MeshFormat&
   return {};
 }
 
-// As chooseDetail(), where all patches have the same level.
-Result<Detail> chooseLevel(const std::shared_ptr<const Package>& package, const MeshExportOptions& o) {
-  const Manifest& m = package->manifest();
-  const int finest = ExportGrid::finestLevel(m);
-  if (o.level && (*o.level < 0 || *o.level > finest))
-    return Error{ErrorKind::kUsage,
-                 package->path(),
-                 "expected a --level of 0 to " + std::to_string(finest) + ", found " + std::to_string(*o.level),
-                 "level " + std::to_string(finest) + " is its full detail",
-                 {}};
-  for (int level = o.error_mm ? 0 : o.level.value_or(finest);; ++level) {
-    auto bound = ExportGrid(package, level).errorBound(o.interrupted);
-    if (!bound) return bound.error();
-    const bool enough = !o.error_mm || level == finest || (*bound && **bound <= *o.error_mm);
-    if (!enough) continue;
-    Detail out = Detail::uniform(m, level);
-    out.error_mm = *bound;
-    return out;
-  }
-}
-Result<Detail> chooseDetail(const std::shared_ptr<const Package>& package, const MeshExportOptions& o) {
-  const Manifest& m = package->manifest();
-  if (!o.error_mm || m.domain.isFlat() || m.domain.relief_depth < 0) return chooseLevel(package, o);
-  auto errors = patchErrors(*package, o.interrupted);
-  if (!errors) return errors.error();
-  Detail out;
-  out.patches = patchLevelsWithin(patchNeighbours(*m.base), *errors, *o.error_mm);
-  out.error_mm = errorOf(out.patches, *errors);
-  const auto [least, most] =
-      std::minmax_element(out.patches.begin(), out.patches.end(),
-                          [](const PatchLevels& a, const PatchLevels& b) { return a.grid < b.grid; });
-  out.least_level = least->grid;
-  out.level = most->grid;
-  return out;
-}
-
-std::string cellsText(int least_level, int level) {
-  std::string text = std::to_string(uint64_t{1} << level) + " cells a patch side";
-  return least_level == level ? text : std::to_string(uint64_t{1} << least_level) + " to " + text;
-}
-std::string aboutText(const Package& package, const Detail* detail) {
-  const std::string& path = package.path();
-  std::string text = printable(path.substr(path.rfind('/') + 1)) + ", exported by relievo " RELIEVO_VERSION;
-  if (!detail) return text + ", base mesh";
-  text += ", " + cellsText(detail->least_level, detail->level);
-  if (!detail->error_mm) return text;
-  char number[40];
-  std::snprintf(number, sizeof number, "%.3g", *detail->error_mm);
-  return text + ", within " + number + (package.manifest().size_known ? " mm" : " px") + " of full detail";
-}
-
 // Memory that grows with the mesh, or with the artwork's width.
-Result<void> checkMemory(const ExportGrid& grid, const Detail& detail, const MeshExportOptions& o, bool soup) {
+Result<void> checkMemory(const ExportGrid& grid, const MeshDetail& detail, const MeshExportOptions& o, bool soup) {
   const bool many = grid.sheets() > 1;
   uint64_t bytes =
       SheetReader::bytes(grid, {.colours = !soup}) * (many ? static_cast<uint64_t>(workerCount(o.workers)) : 1);
@@ -491,13 +414,13 @@ Result<void> compressIfAsked(OutputFile& file, const MeshFacts& facts, const Mes
   return {};
 }
 
-MeshFacts factsOf(const ExportGrid& grid, const Detail& detail, const MeshFormat& format) {
+MeshFacts factsOf(const ExportGrid& grid, const MeshDetail& detail, const MeshFormat& format) {
   MeshFacts facts;
   facts.origin = grid.originMm();
   facts.extent = std::max(grid.extent(), 1e-12);
   facts.size_known = grid.manifest().size_known;
   facts.colours = !format.soup();
-  facts.faces = facesOf(grid, detail);
+  facts.faces = detail.faces(grid);
   return facts;
 }
 
@@ -540,13 +463,17 @@ Result<MeshExportReport> exportBase(const std::shared_ptr<const Package>& packag
 Result<MeshExportReport> exportMesh(std::shared_ptr<const Package> package, const MeshExportOptions& o) {
   auto format = meshFormatOf(o.output);
   if (!format) return format.error();
+  if (o.maps_px > 0) {
+    if ((*format)->holdsMaps()) return exportTexturedGlb(package, o);
+    return Error{ErrorKind::kUsage, o.output, "only a .glb holds maps", "leave out --maps, or name a .glb", {}};
+  }
   if (o.base) return exportBase(package, **format, o);
-  auto detail = chooseDetail(package, o);
+  auto detail = chooseDetail(package, o.level, o.error_mm, o.interrupted);
   if (!detail) return detail.error();
   const ExportGrid grid(package, detail->level);
   MeshFacts facts = factsOf(grid, *detail, **format);
   const bool soup = (*format)->soup();
-  if (!soup) facts.vertices = verticesOf(grid, *detail);
+  if (!soup) facts.vertices = detail->vertices(grid);
   if (auto good = (*format)->check(o.output, facts); !good) return good.error();
   if (auto good = checkMemory(grid, *detail, o, soup); !good) return good.error();
   if (auto good = checkDraco(**format, facts, o); !good) return good.error();

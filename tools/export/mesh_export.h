@@ -12,6 +12,7 @@
 // same bytes for any number of workers.
 #pragma once
 
+#include <array>
 #include <atomic>
 #include <cstdint>
 #include <functional>
@@ -30,6 +31,7 @@ struct MeshExportOptions {
   std::optional<double> error_mm;
   bool base = false;   // the base mesh alone, with the normals of its corners
   int draco_bits = 0;  // of a .glb: compressed by Draco, positions of so many bits a coordinate (glb_draco.h); 0: not
+  int maps_px = 0;     // of a scan's .glb: colours and normals in images of at most so many px a side (textured_glb.h)
   uint64_t memory_bytes = uint64_t{768} << 20;
   int workers = 0;  // 0: one per core
   std::function<void(double /*0..1*/)> progress;
@@ -43,6 +45,7 @@ struct MeshExportReport {
   std::optional<double> coarser_error_mm;  // the same of the next coarser level of all patches
   bool from_origin = false;                // positions in the file count from origin_mm
   glm::dvec3 origin_mm{0};
+  std::optional<std::array<int, 2>> maps_px;  // the images' width and height
   std::optional<double> draco_step;  // positions are rounded to multiples of it, mm (px where no size is known)
 };
 Result<MeshExportReport> exportMesh(std::shared_ptr<const Package> package, const MeshExportOptions& options);

@@ -59,6 +59,8 @@ class MeshFormat {
   virtual bool soup() const { return false; }
   // Can Draco compress it (glb_draco.h)?
   virtual bool takesDraco() const { return false; }
+  // Can it hold images (textured_glb.h)?
+  virtual bool holdsMaps() const { return false; }
   // kUsage: what of it the format cannot hold.
   virtual Result<void> check(const std::string& path, const MeshFacts& facts) const;
   virtual ByteBuffer head(const MeshFacts& facts) const = 0;

@@ -106,6 +106,7 @@ class GlbFormat final : public MeshFormat {
  public:
   bool quads() const override { return false; }
   bool takesDraco() const override { return true; }
+  bool holdsMaps() const override { return true; }
   Result<void> check(const std::string& path, const MeshFacts& f) const override {
     if (auto good = MeshFormat::check(path, f); !good) return good;
     const uint64_t bytes = kHeadBytes + vertexBytes(f) + indexBytes(f);
@@ -164,6 +165,48 @@ ByteBuffer glbHead(const MeshFacts& f, const GlbDraco& draco) {
   json["bufferViews"] = Json::array({view});
   json["buffers"] = Json::array({buffer});
   return headOf(json, binary);
+}
+
+ByteBuffer glbHead(const MeshFacts& f, const GlbMaps& maps) {
+  constexpr int kStride = 48, kTriangles = 4, kLinear = 9729, kLinearMipmaps = 9987, kClamp = 33071;
+  const uint64_t vertices = kStride * f.vertices;
+  Json json = sceneOf(f, {{"attributes", {{"POSITION", 0}, {"NORMAL", 1}, {"TANGENT", 3}, {"TEXCOORD_0", 4}}},
+                          {"indices", 2},
+                          {"material", 0},
+                          {"mode", kTriangles}});
+  json["accessors"] = accessorsOf(f, {AccessorPlace{0, 0}, {0, 12}, {1, 0}, {0, 24}});
+  auto floats = [&](int offset, const char* type) {
+    json["accessors"].push_back(
+        {{"bufferView", 0}, {"byteOffset", offset}, {"componentType", kFloat}, {"count", f.vertices}, {"type", type}});
+  };
+  floats(24, "VEC4");
+  floats(40, "VEC2");
+  uint64_t at = 0;
+  json["bufferViews"] = Json::array();
+  auto view = [&](uint64_t bytes) -> Json& {
+    json["bufferViews"].push_back({{"buffer", 0}, {"byteOffset", at}, {"byteLength", bytes}});
+    at += (bytes + 3) / 4 * 4;
+    return json["bufferViews"].back();
+  };
+  view(vertices)["byteStride"] = kStride;
+  view(indexBytes(f));
+  for (const int k : {0, 1}) json["bufferViews"][static_cast<size_t>(k)]["target"] = k ? kElementArray : kArrayBuffer;
+  json["samplers"] = Json::array();
+  json["samplers"].push_back(
+      {{"magFilter", kLinear}, {"minFilter", kLinearMipmaps}, {"wrapS", kClamp}, {"wrapT", kClamp}});
+  Json& material = json["materials"][0];
+  auto image = [&](uint64_t bytes, const char* name) {
+    view(bytes);
+    json["images"].push_back(
+        {{"bufferView", json["bufferViews"].size() - 1}, {"mimeType", "image/png"}, {"name", name}});
+    json["textures"].push_back({{"sampler", 0}, {"source", json["images"].size() - 1}});
+    return Json{{"index", json["textures"].size() - 1}};
+  };
+  material["pbrMetallicRoughness"]["baseColorTexture"] = image(maps.colour_bytes, "colour");
+  if (maps.normal_bytes > 0) material["normalTexture"] = image(maps.normal_bytes, "normal");
+  const Json buffer = {{"byteLength", at}};
+  json["buffers"] = Json::array({buffer});
+  return headOf(json, at);
 }
 
 }  // namespace relievo

@@ -25,4 +25,11 @@ struct GlbDraco {
 };
 ByteBuffer glbHead(const MeshFacts& facts, const GlbDraco& draco);
 
+// The head of a file of vertices (position, normal, tangent of four floats, texture coordinates: 48 bytes), triangles,
+// and two PNGs, each padded to 4 bytes: colours, and normals if they take any.
+struct GlbMaps {
+  uint64_t colour_bytes = 0, normal_bytes = 0;
+};
+ByteBuffer glbHead(const MeshFacts& facts, const GlbMaps& maps);
+
 }  // namespace relievo

@@ -21,6 +21,7 @@ struct PatchLevels {
   std::array<uint8_t, 4> sides{};  // by Side: 2^sides cells, no more than the grid has
 
   uint64_t cells() const { return uint64_t{1} << grid; }
+  uint64_t ownVertices() const { return (cells() - 1) * (cells() - 1); }  // that are not on its border
   // Do vertices on some side move?
   bool isSnapped() const;
   // Where the vertex (x, y) of the grid is.
