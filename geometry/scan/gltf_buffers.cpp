@@ -178,8 +178,8 @@ uint64_t GltfBuffers::bytes() const {
   uint64_t sum = file_.size();
   for (const Source& s : sources_)
     if (s.file != &file_) sum += s.own ? s.bytes : 0;
-  for (const auto* decompressed : {&unpacked_, &decoded_})
-    for (const auto& [index, bytes] : *decompressed) sum += bytes.size();
+  for (const auto& [view, unpacked] : unpacked_) sum += unpacked.size();
+  for (const auto& [of, decoded] : decoded_) sum += decoded.size();
   return sum;
 }
 
@@ -278,7 +278,7 @@ Result<void> GltfBuffers::decodeDraco(const GltfPrimitive& p, const std::string&
   std::vector<DracoPart> parts;
   std::vector<uint32_t> accessors;
   const auto add = [&](uint32_t accessor, uint32_t attribute) {
-    if (accessor == kNoIndex || decoded_.contains(accessor)) return;
+    if (accessor == kNoIndex || decoded_.contains({p.draco->view, accessor})) return;
     const GltfAccessor& a = document_.accessors[accessor];
     if (a.view != kNoIndex || a.sparse) return;
     parts.push_back({attribute, a, {}});
@@ -298,7 +298,7 @@ Result<void> GltfBuffers::decodeDraco(const GltfPrimitive& p, const std::string&
   if (!code) return code.error();
   const std::string problem = decompressDraco(*code, attributes, parts);
   if (!problem.empty()) return invalid("the compressed mesh of " + what + ": " + problem);
-  for (size_t i = 0; i < parts.size(); ++i) decoded_[accessors[i]] = std::move(parts[i].bytes);
+  for (size_t i = 0; i < parts.size(); ++i) decoded_[{p.draco->view, accessors[i]}] = std::move(parts[i].bytes);
   return {};
 }
 
@@ -312,7 +312,7 @@ Result<void> GltfBuffers::check(uint32_t accessor, const std::string& what) {
                  {}};
   };
   if (a.sparse) return unsupported("a sparse accessor");
-  if (decoded_.contains(accessor)) return {};
+  if (decoded_.contains({code_, accessor})) return {};
   if (a.view == kNoIndex) return invalid("expected the data of " + what + ", found none");
   const GltfView& v = document_.views[a.view];
   if (v.packed) {
@@ -334,7 +334,7 @@ Result<void> GltfBuffers::check(uint32_t accessor, const std::string& what) {
 
 Result<void> GltfBuffers::forEach(uint32_t accessor, const One& one) {
   const GltfAccessor& a = document_.accessors[accessor];
-  const auto decoded = decoded_.find(accessor);
+  const auto decoded = decoded_.find({code_, accessor});
   const bool has_view = decoded == decoded_.end();
   const size_t component = bytesOfComponent(a.component), element = a.components * component;
   const uint64_t own_stride = has_view ? document_.views[a.view].stride : 0, stride = own_stride ? own_stride : element;

@@ -43,8 +43,11 @@ class GltfBuffers {
   // Whether an accessor's elements lie in its buffer; what: for errors ("POSITION of mesh 2"). It opens the buffer, and
   // decompresses the view.
   Result<void> check(uint32_t accessor, const std::string& what);
-  // Decodes what accessors without a view stand for, for check() and forEach().
+  // Decodes what accessors without a view stand for, for check() and forEach(). Primitives may share an accessor that
+  // each has a code of its own for.
   Result<void> decodeDraco(const GltfPrimitive& primitive, const std::string& what);
+  // Whose accessors check() and forEach() are asked for from now on.
+  void select(const GltfPrimitive& primitive) { code_ = primitive.draco ? primitive.draco->view : kNoIndex; }
   // Calls one(index, components) for each element of a checked accessor, in order. Of a normalized one they are 0..1
   // or -1..1.
   using One = std::function<Result<void>(uint64_t, const std::array<double, 4>&)>;
@@ -70,7 +73,9 @@ class GltfBuffers {
   const GltfParts& parts_;
   const MeshReadOptions& options_;
   std::vector<Source> sources_;
-  std::map<uint32_t, std::vector<uint8_t>> unpacked_, decoded_;  // by view; by accessor, without gaps
+  std::map<uint32_t, std::vector<uint8_t>> unpacked_;                // by view
+  std::map<std::array<uint32_t, 2>, std::vector<uint8_t>> decoded_;  // by the code's view and accessor, without gaps
+  uint32_t code_ = kNoIndex;                                         // the view of the selected primitive's
 };
 
 }  // namespace relievo::mesh_file

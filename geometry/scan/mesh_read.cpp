@@ -36,6 +36,8 @@ Error invalid(const std::string& name, std::string message, std::string hint = "
   return {ErrorKind::kInvalidData, name, std::move(message), std::move(hint), {}};
 }
 
+bool areNumbers(const glm::dvec3& p) { return std::isfinite(p.x) && std::isfinite(p.y) && std::isfinite(p.z); }
+
 std::string finiteProblem(const glm::dvec3& p, uint64_t vertex, double mm_per_unit) {
   for (int c = 0; c < 3; ++c)
     if (!std::isfinite(p[c]) || std::abs(p[c] * mm_per_unit) > kMaxCoordinateMm)
@@ -50,8 +52,7 @@ Error badVertices(const std::vector<glm::dvec3>& positions, size_t first, const 
   bool finite = true;
   for (size_t i = first; i < positions.size(); ++i) {
     const glm::dvec3& p = positions[i];
-    const bool numbers = std::isfinite(p.x) && std::isfinite(p.y) && std::isfinite(p.z);
-    finite = finite && numbers;
+    finite = finite && areNumbers(p);
     if (i > first && !finiteProblem(p, i, mm_per_unit).empty()) ++more;
   }
   if (more > 0)
@@ -59,6 +60,32 @@ Error badVertices(const std::vector<glm::dvec3>& positions, size_t first, const 
   return invalid(
       name, std::move(message),
       finite ? "remove such vertices and their faces, or set --unit" : "remove such vertices and their faces");
+}
+
+// Some programs that mesh points write a few vertices that are no numbers. More of them than one in a hundred are
+// damage.
+bool mayBeDropped(uint64_t no_numbers, uint64_t vertices) { return no_numbers * 100 <= vertices; }
+// Drops the triangles of vertices that are no numbers, `count` of them.
+void dropNoNumbers(RawMesh& raw, uint64_t count) {
+  size_t kept = 0;
+  for (size_t t = 0; t < raw.triangles.size(); ++t) {
+    const auto& of = raw.triangles[t];
+    if (!std::all_of(of.begin(), of.end(), [&](uint32_t v) { return areNumbers(raw.positions[v]); })) continue;
+    raw.triangles[kept] = of;
+    if (t < raw.corner_uv.size()) raw.corner_uv[kept] = raw.corner_uv[t];
+    if (t < raw.image_of.size()) raw.image_of[kept] = raw.image_of[t];
+    ++kept;
+  }
+  const size_t dropped = raw.triangles.size() - kept;
+  raw.triangles.resize(kept);
+  if (raw.corner_uv.size() > kept) raw.corner_uv.resize(kept);
+  if (raw.image_of.size() > kept) raw.image_of.resize(kept);
+  for (glm::dvec3& p : raw.positions)
+    if (!areNumbers(p)) p = glm::dvec3(0);  // of no triangle
+  raw.findings.push_back({"vertices whose coordinates are no numbers",
+                          count,
+                          {},
+                          "dropped with their " + std::to_string(dropped) + " triangles"});
 }
 
 // Floats as colours: 0..1, or 0..255 if any says so.
@@ -74,7 +101,6 @@ std::vector<glm::u8vec3> bytesOf(const std::vector<glm::vec3>& colours) {
 
 Result<LoadedMesh> finish(RawMesh raw, const std::string& name, const MeshReadOptions& options) {
   LoadedMesh out;
-  out.diagnosis.findings = std::move(raw.findings);
   out.named_files = std::move(raw.named_files);
   out.diagnosis.vertices_read = raw.vertices_read;
   out.diagnosis.triangles_read = raw.triangles.size();
@@ -85,6 +111,10 @@ Result<LoadedMesh> finish(RawMesh raw, const std::string& name, const MeshReadOp
     for (glm::dvec3& p : raw.positions) p = options.turn * p;
   if (!raw.face_colours.empty()) paintFaces(raw);
   const Error interrupted{ErrorKind::kInterrupted, name, "interrupted", "", {}};
+  uint64_t no_numbers = 0;
+  for (const glm::dvec3& p : raw.positions) no_numbers += !areNumbers(p);
+  if (no_numbers > 0 && mayBeDropped(no_numbers, raw.positions.size())) dropNoNumbers(raw, no_numbers);
+  out.diagnosis.findings = std::move(raw.findings);
   for (size_t i = 0; i < raw.positions.size(); ++i) {
     if (stopAt(i, options.interrupted)) return interrupted;
     const glm::dvec3& p = raw.positions[i];

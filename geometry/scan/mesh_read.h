@@ -12,13 +12,14 @@
 // (cut open), T-junctions (vertices of an open border within 1e-7 of the diagonal of another open edge), vertices of no
 // triangle.
 //
+// Dropped: triangles of vertices that are no numbers, where these are at most one in a hundred.
 // Dropped, with the area that is lost: of more than 2,048 pieces the smallest, up to 1 % of the area; pieces that have
 // no area.
 //
 // Reported only: open borders, isolated pieces.
 //
-// Refused (kInvalidData): numbers that are not finite, coordinates beyond 10^12 mm, indices out of range, counts that
-// the file cannot hold.
+// Refused (kInvalidData): more numbers that are not finite, of STL and of texture coordinates any, coordinates beyond
+// 10^12 mm, indices out of range, counts that the file cannot hold.
 //
 // In a repaired mesh all triangles of a piece run alike, closed pieces outwards, and the triangles around a vertex form
 // one fan.

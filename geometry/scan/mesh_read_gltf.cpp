@@ -55,12 +55,13 @@ class GltfReader {
   // What vertices follow from: primitives of a mesh often have the same, which are read once a node.
   struct Shared {
     const Placed* placed = nullptr;
-    uint32_t positions = kNoIndex, colours = kNoIndex;
+    uint32_t positions = kNoIndex, colours = kNoIndex, code = kNoIndex;
     glm::dvec3 tint{1};
     bool operator==(const Shared&) const = default;
   };
   Shared sharedOf(const GltfPrimitive& p, const Placed& placed) const {
-    return {&placed, p.positions, p.colours, any_colours_ ? colourOf(p.material) : glm::dvec3(1)};
+    return {&placed, p.positions, p.colours, p.draco ? p.draco->view : kNoIndex,
+            any_colours_ ? colourOf(p.material) : glm::dvec3(1)};
   }
   Error invalid(std::string message) const {
     return {ErrorKind::kInvalidData,
@@ -158,6 +159,7 @@ class GltfReader {
     };
     if (p.draco)
       if (auto done = buffers_.decodeDraco(p, where); !done) return done;
+    buffers_.select(p);
     for (auto done : {one(p.positions, "POSITION", 3, 3, false), one(p.colours, "COLOR_0", 3, 4, false),
                       one(p.uv, "TEXCOORD", 2, 2, false), one(p.indices, "indices", 1, 1, true)})
       if (!done) return done;
@@ -183,6 +185,7 @@ class GltfReader {
     }
     if (p.positions == kNoIndex) return {};
     morphs_ += p.morphs;
+    buffers_.select(p);
     const auto first = addVertices(p, placed);
     if (!first) return first.error();
     if (auto done = readTextureCoordinates(p); !done) return done;

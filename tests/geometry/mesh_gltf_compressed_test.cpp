@@ -238,6 +238,33 @@ TEST(MeshGltfCompressed, DataBesideDracosCodeIsReadInItsPlace) {
   EXPECT_EQ(read.mesh.triangles.size(), s.triangles.size());
 }
 
+// Exporters write accessors of the same numbers once: each primitive's own code says what they stand for.
+TEST(MeshGltfCompressed, PrimitivesMayShareAccessorsAndHaveCodesOfTheirOwn) {
+  const Sample one = ball();
+  Sample other = one;
+  for (glm::dvec3& p : other.positions) p = p * 0.5 + glm::dvec3(1000, 0, 0);
+  std::rotate(other.triangles.begin(), other.triangles.begin() + 5, other.triangles.end());
+  const Glb a = draco(one, false), b = draco(other, false);
+  const size_t begin = a.json.find("{\"attributes\""), end = a.json.find("]}],\"bufferViews\"");
+  ASSERT_TRUE(begin != std::string::npos && end != std::string::npos);
+  const std::string primitive = a.json.substr(begin, end - begin),
+                    second = replaced(primitive, "\"bufferView\":0", "\"bufferView\":1"),
+                    bytes = std::to_string(a.binary.size());
+  Glb both;
+  both.binary = a.binary + b.binary;
+  const std::string all = std::to_string(both.binary.size());
+  both.json = replaced(a.json, primitive, primitive + "," + second);
+  both.json = replaced(both.json, "{\"buffer\":0,\"byteLength\":" + bytes + "}",
+                       "{\"buffer\":0,\"byteLength\":" + bytes + "},{\"buffer\":0,\"byteOffset\":" + bytes +
+                           ",\"byteLength\":" + std::to_string(b.binary.size()) + "}");
+  both.json = replaced(both.json, "\"buffers\":[{\"byteLength\":" + bytes, "\"buffers\":[{\"byteLength\":" + all);
+  auto expected = trianglesOf(mustRead(saveFile("a.glb", a.file())), 0.01);
+  const auto of_other = trianglesOf(mustRead(saveFile("b.glb", b.file())), 0.01);
+  EXPECT_FALSE(expected == of_other) << "control";
+  expected.insert(of_other.begin(), of_other.end());
+  EXPECT_TRUE(trianglesOf(mustRead(saveFile("both.glb", both.file())), 0.01) == expected);
+}
+
 TEST(MeshGltfCompressed, WhatDoesNotFitIsRefusedByItsName) {
   const Sample s = ball();
   const Glb by_draco = draco(s, true), sequential = draco(s, false), by_meshopt = meshopt(s, true);

@@ -721,6 +721,39 @@ TEST(MeshFormats, FacesOfOffMayGoOnOverSeveralLines) {
     expectRefused(saveFile("a.off", "OFF\n5 2 0\n" + vertices + faces), ErrorKind::kInvalidData, message);
 }
 
+// One in a hundred is a program's slip, more are damage.
+TEST(MeshRepair, AFewVerticesThatAreNoNumbersAreDroppedWithTheirTriangles) {
+  const Sample sound = scanOfCubeSphere(8);
+  const size_t few = sound.positions.size() / 100;
+  ASSERT_GE(few, 2u);
+  Sample s = sound;
+  for (size_t i = 0; i < few; ++i)
+    s.positions[7 + 40 * i][static_cast<glm::length_t>(i % 3)] = i % 2 ? HUGE_VAL : std::nan("");
+  std::set<uint32_t> bad;
+  for (size_t i = 0; i < few; ++i) bad.insert(static_cast<uint32_t>(7 + 40 * i));
+  const auto read = readMesh(saveFile("few.ply", plyFile(s, {})));
+  const auto whole = readMesh(saveFile("sound.ply", plyFile(sound, {})));
+  ASSERT_TRUE(read.ok() && whole.ok());
+  uint64_t lost = 0;
+  for (const auto& t : whole->mesh.triangles)
+    lost += std::any_of(t.begin(), t.end(), [&](uint32_t v) {
+      const glm::dvec3 p = whole->mesh.origin_mm + glm::dvec3(whole->mesh.positions_mm[v]);
+      return std::any_of(bad.begin(), bad.end(),
+                         [&](uint32_t b) { return glm::length(p - sound.positions[b]) < 1e-5; });
+    });
+  EXPECT_GT(lost, 3 * few);
+  EXPECT_EQ(read->diagnosis.triangles, whole->diagnosis.triangles - lost);
+  EXPECT_EQ(read->diagnosis.border_loops, few);
+  const auto& findings = read->diagnosis.findings;
+  const auto found = std::find_if(findings.begin(), findings.end(),
+                                  [](const MeshFinding& f) { return f.what.find("no numbers") != std::string::npos; });
+  ASSERT_NE(found, findings.end());
+  EXPECT_EQ(found->count, few);
+  EXPECT_EQ(found->done, "dropped with their " + std::to_string(lost) + " triangles");
+  s.positions[3].x = std::nan("");
+  expectRefused(saveFile("more.ply", plyFile(s, {})), ErrorKind::kInvalidData, "to be a finite number");
+}
+
 TEST(MeshRefusals, BadVerticesAreCounted) {
   auto refused = [](const char* vertices) {
     const auto r = readMesh(saveFile("a.obj", std::string(vertices) + "f 1 2 3\n"));

@@ -16,6 +16,7 @@
 #include "geometry/scan/mesh_read.h"
 #include "tests/texturing/patch_fixture.h"
 #include "tests/view_share.h"
+#include "texturing/codec/resolve.h"
 #include "texturing/import/image_io.h"
 #include "texturing/package/package_builder.h"
 #include "texturing/package/patch_package_builder.h"
@@ -736,6 +737,43 @@ TEST_F(ExportBall, GlbWithMapsShowsTheColoursAndNormalsOfTheTexels) {
   EXPECT_LT(worst, 5);
   std::cout << "[ figures  ] normals of the map: mean " << mean << ", at most " << worst << " degrees off, of "
             << compared << "\n";
+}
+
+// Of a basis of light: what render shows under light from the front, and no normals.
+TEST_F(ExportBall, GlbWithMapsOfABasisOfLightHasColoursAlone) {
+  for (const Basis basis : {Basis::kColour, Basis::kPtmRgb}) {
+    const NoisyPatches source(cubeSphere(1, 40, 3), 0, 0, 7, basis);
+    const auto package = packageOf(source);
+    exported(package, "basis.glb", {.level = 1, .maps_px = 1024});
+    const Glb glb = parseGlb(bytesOf(folder_.file("basis.glb")));
+    ASSERT_EQ(glb.problem, "");
+    EXPECT_FALSE(glb.json["materials"][0].contains("normalTexture"));
+    const TexturedGlb shown(glb, folder_.file(""));
+    ASSERT_EQ(shown.images.size(), 1u);
+    const auto atlas = MapAtlas::create(package, 1024);
+    ASSERT_TRUE(atlas.ok());
+    const MapAtlas::Tile tile = atlas->tile(2);
+    ASSERT_EQ(tile.side, 128);
+    std::vector<std::vector<uint8_t>> slots(static_cast<size_t>(source.format().planes()),
+                                            std::vector<uint8_t>(kSlotBytes));
+    std::vector<const uint8_t*> pointers;
+    const auto at = [](int x, int y) {
+      return 4 * static_cast<size_t>((y + kPageBorderPx) * kPageFullPx + x + kPageBorderPx);
+    };
+    for (size_t k = 0; k < slots.size(); ++k) {
+      for (int y = 0; y < 128; ++y)
+        for (int x = 0; x < 128; ++x)
+          for (int c = 0; c < 3; ++c)
+            slots[k][at(x, y) + static_cast<size_t>(c)] = source.texel(2, static_cast<int>(3 * k) + c, x, y);
+      pointers.push_back(slots[k].data());
+    }
+    std::vector<uint8_t> lit(kSlotBytes);
+    resolvePage(source.format(), {0, 0, 1}, pointers, lit.data());
+    for (int y = 0; y < 128; y += 3)
+      for (int x = 0; x < 128; x += 5)
+        for (size_t c = 0; c < 3; ++c)
+          ASSERT_EQ(shown.texel(0, tile.x + x, tile.y + y)[c], lit[at(x, y) + c]) << x << " " << y;
+  }
 }
 
 TEST_F(ExportBall, MapsFitTheSideThatIsAllowedOrAreRefused) {

@@ -2,13 +2,10 @@
 
 #include <algorithm>
 #include <array>
-#include <cmath>
-#include <cstdio>
 #include <vector>
 
 #include "src/base/file.h"
 #include "src/base/parallel_for.h"
-#include "src/base/printable.h"
 #include "tools/export/glb_draco.h"
 #include "tools/export/mesh_detail.h"
 #include "tools/export/mesh_format.h"
