@@ -59,9 +59,10 @@ class GltfReader {
     glm::dvec3 tint{1};
     bool operator==(const Shared&) const = default;
   };
+  // The view of its compressed code, if it has one.
+  static uint32_t codeOf(const GltfPrimitive& p) { return p.draco ? p.draco->view : kNoIndex; }
   Shared sharedOf(const GltfPrimitive& p, const Placed& placed) const {
-    return {&placed, p.positions, p.colours, p.draco ? p.draco->view : kNoIndex,
-            any_colours_ ? colourOf(p.material) : glm::dvec3(1)};
+    return {&placed, p.positions, p.colours, codeOf(p), any_colours_ ? colourOf(p.material) : glm::dvec3(1)};
   }
   Error invalid(std::string message) const {
     return {ErrorKind::kInvalidData,
@@ -225,7 +226,7 @@ class GltfReader {
   // As TriMesh has them, from the lower left corner. Those of the primitive before are kept where they are the same.
   Result<void> readTextureCoordinates(const GltfPrimitive& p) {
     const GltfMaterial plain, &m = p.material == kNoIndex ? plain : doc_.materials[p.material];
-    const UvOf key{p.uv, m.uv_offset, m.uv_scale, m.uv_turn};
+    const UvOf key{p.uv, codeOf(p), m.uv_offset, m.uv_scale, m.uv_turn};
     if (key == uv_of_) return {};
     uv_of_ = key;
     uv_.clear();
@@ -361,7 +362,7 @@ class GltfReader {
   std::vector<Run> runs_;
   Shared shared_;
   struct UvOf {
-    uint32_t accessor = kNoIndex;
+    uint32_t accessor = kNoIndex, code = kNoIndex;
     glm::dvec2 offset{0}, scale{1};
     double turn = 0;
     bool operator==(const UvOf&) const = default;

@@ -117,10 +117,22 @@ class PlyReader {
       mesh_.findings.push_back({"faces of fewer than three corners", cutter_.dropped(), {}, "dropped"});
     chooseFaceColours();
     useImages();
+    leaveOutBlack();
     return std::move(mesh_);
   }
 
  private:
+  // Some programs write black where there is no colour.
+  void leaveOutBlack() {
+    const auto black = [](const auto& c) { return c.x == 0 && c.y == 0 && c.z == 0; };
+    const size_t colours = std::max(mesh_.colours.size(), mesh_.float_colours.size());
+    if (colours == 0 || !std::all_of(mesh_.colours.begin(), mesh_.colours.end(), black) ||
+        !std::all_of(mesh_.float_colours.begin(), mesh_.float_colours.end(), black))
+      return;
+    mesh_.findings.push_back({"black vertices, as all are", colours, {}, "taken to have no colours"});
+    mesh_.colours.clear();
+    mesh_.float_colours.clear();
+  }
   // Of several images faces say which they show. Without such numbers all show the first.
   void useImages() {
     mesh_.named_files = images_;

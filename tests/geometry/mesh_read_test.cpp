@@ -721,6 +721,20 @@ TEST(MeshFormats, FacesOfOffMayGoOnOverSeveralLines) {
     expectRefused(saveFile("a.off", "OFF\n5 2 0\n" + vertices + faces), ErrorKind::kInvalidData, message);
 }
 
+TEST(MeshColours, BlackOfAllVerticesOfAPlyIsNone) {
+  const std::string head =
+      "ply\nformat ascii 1.0\nelement vertex 3\nproperty float x\nproperty float y\nproperty float z\nproperty uchar "
+      "red\nproperty uchar green\nproperty uchar blue\nelement face 1\nproperty list uchar int "
+      "vertex_indices\nend_header\n";
+  for (const bool black : {true, false}) {
+    const auto read = readMesh(
+        saveFile("black.ply", head + "0 0 0 0 0 0\n1 0 0 0 0 0\n0 1 0 0 0 " + (black ? "0" : "1") + "\n3 0 1 2\n"));
+    ASSERT_TRUE(read.ok()) << read.error().text();
+    EXPECT_EQ(read->mesh.colours.empty(), black);
+    EXPECT_EQ(finding(*read, "black") != nullptr, black);
+  }
+}
+
 // One in a hundred is a program's slip, more are damage.
 TEST(MeshRepair, AFewVerticesThatAreNoNumbersAreDroppedWithTheirTriangles) {
   const Sample sound = scanOfCubeSphere(8);
