@@ -681,6 +681,19 @@ TEST_F(ExportBall, GlbWithMapsShowsTheColoursAndNormalsOfTheTexels) {
     return out;
   };
   EXPECT_TRUE(trianglesOf(glb) == trianglesOf(welded));
+  // All of a place's vertices have the normal of the one that it has without maps.
+  std::map<std::array<double, 3>, std::array<double, 3>> normal_at;
+  const auto three = [](const Glb& of, const char* name, size_t i) {
+    const auto& accessor = of.json["meshes"][0]["primitives"][0]["attributes"][name];
+    return std::array{glbValue(of, accessor, i, 0), glbValue(of, accessor, i, 1), glbValue(of, accessor, i, 2)};
+  };
+  for (size_t i = 0; i < plain.vertices; ++i) normal_at[three(welded, "POSITION", i)] = three(welded, "NORMAL", i);
+  double normal_off = 0;
+  for (size_t i = 0; i < report.vertices; ++i) {
+    const auto of_plain = normal_at.at(three(glb, "POSITION", i)), own = three(glb, "NORMAL", i);
+    for (size_t c = 0; c < 3; ++c) normal_off = std::max(normal_off, std::abs(of_plain[c] - own[c]));
+  }
+  EXPECT_LT(normal_off, 1e-6);
 
   // Tiles are the patches' texels. On the triangle that shows it, a texel's normal is the package's.
   const auto atlas = MapAtlas::create(package, 2048);
