@@ -85,6 +85,26 @@ TexelsAcross imageTexelsAcross(const BakeContext& context, const BakeTexture& te
   return {across[static_cast<size_t>(kMost * across.size())], across.back(), on_patch, shown, creases.found()};
 }
 
+// Is a patch smooth, and shows no image, but vertices' colours or one of the palette's? What a tail shows of it is all
+// that there is.
+bool isPlain(const BakeContext& context, const BakeTexture& texture, uint32_t patch) {
+  constexpr size_t kPlaces = 8;  // a side
+  CreaseFinder creases(context);
+  glm::vec2 colour(-1);
+  for (size_t i = 0; i < kPlaces * kPlaces; ++i) {
+    const double u = (static_cast<double>(i % kPlaces) + 0.5) / kPlaces,
+                 v = (static_cast<double>(i / kPlaces) + 0.5) / kPlaces;
+    const uint32_t triangle = context.scene->closestPoint(context.patchPoint(patch, u, v).position).triangle;
+    creases.add(triangle);
+    const BakeTexture::Image* image = texture.imageOf(*context.mesh, triangle);
+    if (image && !image->palette) return false;
+    const glm::vec2 own = image ? context.mesh->corner_uv[triangle][0] : glm::vec2(-2);
+    if (creases.found() || (i > 0 && own != colour)) return false;
+    colour = own;
+  }
+  return true;
+}
+
 int log2Above(double value) { return value > 1 ? static_cast<int>(std::ceil(std::log2(std::min(value, 0x1p30)))) : 0; }
 
 int depthFor(const TexelsAcross& image, bool tails) {
@@ -121,10 +141,14 @@ bool chooseTextureResolution(const BakeContext& context, int requested_depth, bo
              has_image = !std::all_of(texture.images.begin(), texture.images.end(), is_palette);
   // Vertex colours are linear over the scan's triangles, so that a grid somewhat finer than these captures them. If it
   // is hardly finer, creases show; half a million samples take a quarter of a second.
-  double grid_points = std::max(2 * vertices, std::min(16 * vertices, 524'288.0));
-  if (has_palette) grid_points *= 4;  // no cell's corners show a triangle that lies between them
-  int grid_log2 = 1;
-  while (grid_log2 < kPageCellsLog2 + kMostDepth && std::ldexp(patches, 2 * grid_log2) < grid_points) ++grid_log2;
+  const double grid_points = std::max(2 * vertices, std::min(16 * vertices, 524'288.0));
+  auto gridOf = [&](double points) {
+    int log2 = 1;
+    while (log2 < kPageCellsLog2 + kMostDepth && std::ldexp(patches, 2 * log2) < points) ++log2;
+    return log2;
+  };
+  // Of a palette no cell's corners show a triangle that lies between them.
+  const int plain_grid_log2 = gridOf(grid_points), grid_log2 = has_palette ? gridOf(4 * grid_points) : plain_grid_log2;
   int depth = std::max(requested_depth, 0);
   if (requested_depth < 0) {
     // Texels are twice as dense along u and v as what they are sampled from.
@@ -134,17 +158,27 @@ bool chooseTextureResolution(const BakeContext& context, int requested_depth, bo
   texture.of_patch.assign(context.layout.patches, {depth, grid_log2, has_palette && !has_image});
   texture.depth = depth;
   // Normals are sampled no more densely there than tails have texels.
-  tails = tails && !texture.planes && grid_log2 <= kTailCellsLog2;
+  tails = tails && !texture.planes && requested_depth < 0;
+  const bool plain_tails = tails && depth == 0 && plain_grid_log2 <= kTailCellsLog2;
+  auto makeTail = [&](uint32_t p) {
+    if (plain_tails && isPlain(context, texture, p)) texture.of_patch[p].depth = kNoTexturePage;
+  };
   if (has_image) {
     const bool whole = parallelFor(context.layout.patches, context.workers, context.interrupted, [&](size_t p) {
       const TexelsAcross across = imageTexelsAcross(context, texture, static_cast<uint32_t>(p));
       PatchResolution& r = texture.of_patch[p];
       r.plain = has_palette && !across.shown;
-      if (requested_depth < 0 && across.shown) r.depth = depthFor(across, tails);
+      if (requested_depth < 0 && across.shown) r.depth = depthFor(across, tails && grid_log2 <= kTailCellsLog2);
+      if (!across.shown) makeTail(static_cast<uint32_t>(p));
       r.sample_grid_log2 = std::max(grid_log2, log2Above(across.densest));
     });
     if (!whole) return false;
     if (requested_depth < 0) texture.depth = deepestOf(texture.of_patch, kMostImageTexels);
+  }
+  if (!has_image && plain_tails) {
+    const bool whole = parallelFor(context.layout.patches, context.workers, context.interrupted,
+                                   [&](size_t p) { makeTail(static_cast<uint32_t>(p)); });
+    if (!whole) return false;
   }
   for (PatchResolution& r : texture.of_patch) {
     r.depth = std::min(r.depth, texture.depth);

@@ -1424,5 +1424,39 @@ TEST(MeshBake, fewTexelsOfAnImageAreATails) {
   }
 }
 
+// Without an image it is the crease, the border between two plain colours, or many triangles that ask for a page.
+TEST(MeshBake, smoothPatchesOfOneColourAreTails) {
+  using Depths = std::vector<int>;
+  constexpr int kTail = kNoTexturePage;
+  const BaseMesh rows = sheetBase(30, 10, 3, 2);
+  auto sheet = [](int nx, int ny, double slope) {
+    return sheetMesh(30, 10, nx, ny, [&](double x, double) { return slope * std::max(x - 15, 0.0); });
+  };
+  auto depths = [&](const TriMesh& mesh, bool tails, const std::vector<MeshBake::Image>& images = {}) {
+    BakeOptions options{.cells_log2 = 3, .fit = false};
+    options.tail_textures = tails;
+    const auto baked = bake(mesh, rows, options, images);
+    Depths out;
+    for (uint32_t p = 0; p < rows.patches.size(); ++p) out.push_back(baked->textureDepthOf(p));
+    return out;
+  };
+  EXPECT_EQ(depths(sheet(6, 8, 0), true), Depths(6, kTail));
+  EXPECT_EQ(depths(sheet(6, 8, 0), false), Depths(6, 0)) << "unless it is allowed";
+  EXPECT_EQ(depths(sheet(6, 8, 1), true), (Depths{kTail, 0, kTail, kTail, 0, kTail}));
+  EXPECT_EQ(depths(sheet(120, 40, 0), true), Depths(6, 0)) << "normals may need more";
+  // Two colours that meet at x = 15, in the middle patches; then at x = 10, between two.
+  const std::vector<uint8_t> colours{250, 0, 0, 0, 0, 250};
+  const MeshBake::Image palette{.width = 2, .height = 1, .texels = colours, .palette = true};
+  for (const auto& [border, expected] :
+       {std::pair{15.0f, Depths{kTail, 0, kTail, kTail, 0, kTail}}, {10.0f, Depths(6, kTail)}}) {
+    TriMesh mesh = sheet(6, 8, 0);
+    for (const auto& t : mesh.triangles) {
+      const float middle = (mesh.positions_mm[t[0]].x + mesh.positions_mm[t[1]].x + mesh.positions_mm[t[2]].x) / 3;
+      mesh.corner_uv.emplace_back().fill({middle < border ? 0.25f : 0.75f, 0.5f});
+    }
+    EXPECT_EQ(depths(mesh, true, {palette}), expected) << border;
+  }
+}
+
 }  // namespace mesh_bake_test
 }  // namespace relievo
