@@ -70,11 +70,11 @@ struct Orientation {
 };
 
 // A JPEG file for OpenImageIO, in which some segments are of a kind that it passes over.
-class JpegWithout {
+class MaskedJpeg {
  public:
   // unsafe: unsafeJpegMarkers(), in ascending order. Null: no memory.
-  static std::unique_ptr<JpegWithout> make(InputFile file, std::vector<uint64_t> unsafe) {
-    std::unique_ptr<JpegWithout> out(new JpegWithout(std::move(file), std::move(unsafe)));
+  static std::unique_ptr<MaskedJpeg> make(InputFile file, std::vector<uint64_t> unsafe) {
+    std::unique_ptr<MaskedJpeg> out(new MaskedJpeg(std::move(file), std::move(unsafe)));
     out->stream_.reset(
         ::fopencookie(out.get(), "rb", {.read = readNext, .write = nullptr, .seek = seek, .close = nullptr}));
     if (!out->stream_) return nullptr;
@@ -84,7 +84,7 @@ class JpegWithout {
   OIIO::Filesystem::IOProxy* proxy() { return &*proxy_; }
 
  private:
-  JpegWithout(InputFile file, std::vector<uint64_t> unsafe) : file_(std::move(file)), unsafe_(std::move(unsafe)) {}
+  MaskedJpeg(InputFile file, std::vector<uint64_t> unsafe) : file_(std::move(file)), unsafe_(std::move(unsafe)) {}
   // From there on as many bytes as there are; nothing if the disk does not give them.
   std::optional<size_t> read(uint64_t at, std::span<uint8_t> out) const {
     out = out.first(static_cast<size_t>(std::min<uint64_t>(out.size(), file_.size() - std::min(at, file_.size()))));
@@ -96,14 +96,14 @@ class JpegWithout {
     return out.size();
   }
   static ssize_t readNext(void* cookie, char* to, size_t size) {
-    auto& self = *static_cast<JpegWithout*>(cookie);
+    auto& self = *static_cast<MaskedJpeg*>(cookie);
     const auto bytes = self.read(self.at_, {reinterpret_cast<uint8_t*>(to), size});
     if (!bytes) return -1;
     self.at_ += *bytes;
     return static_cast<ssize_t>(*bytes);
   }
   static int seek(void* cookie, off64_t* offset, int whence) {
-    auto& self = *static_cast<JpegWithout*>(cookie);
+    auto& self = *static_cast<MaskedJpeg*>(cookie);
     const auto size = static_cast<off64_t>(self.file_.size());
     const off64_t from = whence == SEEK_SET ? 0 : whence == SEEK_END ? size : static_cast<off64_t>(self.at_);
     if (*offset < -from || *offset > size - from) return -1;
@@ -117,7 +117,7 @@ class JpegWithout {
   // IOFile would ask the file's descriptor, which a stream of functions has none of.
   class Proxy final : public OIIO::Filesystem::IOFile {
    public:
-    Proxy(JpegWithout& jpeg) : IOFile(jpeg.stream_.get(), Read), jpeg_(jpeg) {}
+    Proxy(MaskedJpeg& jpeg) : IOFile(jpeg.stream_.get(), Read), jpeg_(jpeg) {}
     size_t size() const override { return static_cast<size_t>(jpeg_.file_.size()); }
     // It looks at a file's beginning whenever it decodes from there, and leaves it to its proxy to be there again.
     size_t pread(void* to, size_t bytes, int64_t offset) override {
@@ -126,7 +126,7 @@ class JpegWithout {
     }
 
    private:
-    const JpegWithout& jpeg_;
+    const MaskedJpeg& jpeg_;
   };
   InputFile file_;
   std::vector<uint64_t> unsafe_;
@@ -136,7 +136,7 @@ class JpegWithout {
 };
 
 struct OpenImage {
-  std::unique_ptr<JpegWithout> jpeg;  // that is read in place of the file; null: the file is
+  std::unique_ptr<MaskedJpeg> jpeg;  // that is read in place of the file; null: the file is
   std::unique_ptr<OIIO::ImageInput> input;
   OIIO::ImageSpec spec;
   uint64_t file_bytes = 0;
@@ -224,7 +224,7 @@ Result<OpenImage> openImage(const std::string& path, const ImageReadOptions& opt
   image.no_data = *no_data;
   OIIO::ImageSpec config = openConfig();
   if (!unsafe->empty()) {
-    image.jpeg = JpegWithout::make(std::move(*file), std::move(*unsafe));
+    image.jpeg = MaskedJpeg::make(std::move(*file), std::move(*unsafe));
     if (!image.jpeg) throw std::bad_alloc();
     OIIO::Filesystem::IOProxy* proxy = image.jpeg->proxy();
     config.attribute("oiio:ioproxy", OIIO::TypeDesc::PTR, &proxy);

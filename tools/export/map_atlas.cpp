@@ -54,9 +54,8 @@ Result<MapAtlas> MapAtlas::create(std::shared_ptr<const Package> package, int mo
   // Else so many texels a mm, a power of two of a side each, but at least some.
   constexpr int kLeastSide = 2;
   constexpr double kCoarser = 0.84;  // 2^(-1/4)
-  const double area =
-      std::accumulate(base.patches.begin(), base.patches.end(), 0.0,
-                      [&, p = uint32_t{0}](double sum, const auto&) mutable { return sum + areaOf(base, p++); });
+  double area = 0;
+  for (uint32_t p = 0; p < patches; ++p) area += areaOf(base, p);
   double density = 4.0 * most_px / std::sqrt(std::max(area, 1e-300));
   while (!out.pack(sides, most_px)) {
     bool least = true;
