@@ -177,14 +177,13 @@ class MeshBuild {
   Result<void> bakeInSmallerPatches();
   // The next bake's base; false: there is none of this kind.
   Result<bool> use(BaseKind kind, Result<BaseMesh> base);
-  Result<bool> useFaces(uint32_t max_patches, Folds folds = Folds::kAny);
+  Result<bool> useFaces(uint32_t max_patches);
   double creased();  // the share of the scan's triangles beside a crease
   Result<bool> useSimplified(std::span<const RefineRequest> requests);
   // What is left after all of these (moreOf()).
   Result<bool> useMorePatches();
   // Chooses the base of the next bake, after one that missed; false: what there is is kept.
   Result<bool> nextBase(const Fidelity& now, BakeLimit limit, bool better);
-  Result<bool> nextFaces();  // of the scan's own triangles
   // Rounds heights to steps as large as the target allows. fidelity_ is then measured at all places.
   Result<void> chooseStep();
   // cells_log2: BakeOptions::cells_log2, without a fit; -1: all that the target needs.
@@ -229,11 +228,8 @@ class MeshBuild {
   bool many_places_ = false;      // from now on few places decide about no bake
   uint64_t ray_bytes_ = 0;        // that the hierarchies of the scan's rays may take
   double kept_tolerance_mm_ = 0;  // the least that is kept after a miss; 0: none was found
-  bool finer_cells_ = false;      // than the target asks for
-  int faces_missed_ = 0;          // bakes of the scan's own triangles
-  Touching touching_of_faces_ = Touching::kFacing;
-  bool best_is_known_ = false;  // what is baked is kept
-  bool refined_ = false;        // some base mesh was BaseDomain::refine()'s
+  bool best_is_known_ = false;    // what is baked is kept
+  bool refined_ = false;          // some base mesh was BaseDomain::refine()'s
   BaseKind base_kind_ = BaseKind::kEven;
   int round_ = 0, in_vain_ = 0;  // bakes of this kind of base, and how many of the last ones were no better
   SimplifiedRounds simplified_rounds_;
@@ -335,11 +331,10 @@ Result<void> MeshBuild::bake(int cells_log2) {
   BakeOptions bake_options;
   const double diagonal = diagonalOf(scan), asked = toleranceOf(a_, diagonal);
   const double most = asked > 0 ? asked : target().p99_9_mm;
-  if (asked > 0 || more_samples_ || finer_cells_) bake_options.tolerance_mm = most / (finer_cells_ ? 12 : 3);
+  if (asked > 0 || more_samples_) bake_options.tolerance_mm = most / 3;
   if (base_kind_ == BaseKind::kSimplified)
     bake_options.touching = simplified_rounds_.otherWay() ? Touching::kAlways : Touching::kSameSheet;
-  else if (base_kind_ == BaseKind::kFaces) bake_options.touching = touching_of_faces_;
-  else if (refined_) bake_options.touching = Touching::kFacing;
+  else if (base_kind_ == BaseKind::kEven && refined_) bake_options.touching = Touching::kFacing;
   // Corners that are rounded to the lattice, and to single precision, lie so far from the scan's planes.
   constexpr double kRounding = 2e-7, kHalfOfCell = 0.87;
   if (base_kind_ == BaseKind::kFaces) bake_options.touch_mm = kHalfOfCell * baseStep() + kRounding * diagonal;
@@ -504,8 +499,8 @@ double MeshBuild::creased() {
   return static_cast<double>(scene->normals->split.size()) / static_cast<double>(loaded_.mesh.triangles.size());
 }
 
-Result<bool> MeshBuild::useFaces(uint32_t max_patches, Folds folds) {
-  return use(BaseKind::kFaces, stages_.run("base", [&] { return domain_->faces(max_patches, folds); }));
+Result<bool> MeshBuild::useFaces(uint32_t max_patches) {
+  return use(BaseKind::kFaces, stages_.run("base", [&] { return domain_->faces(max_patches); }));
 }
 
 Result<bool> MeshBuild::useSimplified(std::span<const RefineRequest> requests) {
@@ -541,7 +536,7 @@ Result<bool> MeshBuild::nextBase(const Fidelity& now, BakeLimit limit, bool bett
     if (!done || *done) return done;
   }
   const bool first = round_++ == 0;
-  if (base_kind_ == BaseKind::kFaces) return nextFaces();
+  if (base_kind_ == BaseKind::kFaces) return false;  // it is the scan
   if (first && base_kind_ == BaseKind::kEven) {
     // Few triangles may be patches themselves: these show the scan as it is.
     auto done = useFaces(mostFacesFirst(creased()));
@@ -592,24 +587,6 @@ Result<bool> MeshBuild::nextBase(const Fidelity& now, BakeLimit limit, bool bett
   if (done && !*done && fidelity_.excess() > kFarOff) done = useFaces(kManyFaces);
   if (!done || *done || fidelity_.kept()) return done;
   return useMorePatches();
-}
-
-Result<bool> MeshBuild::nextFaces() {
-  switch (faces_missed_++) {
-    case 0:  // what lines miss where such a base touches the scan
-      touching_of_faces_ = Touching::kAlways;
-      return true;
-    case 1:  // what lines between samples miss
-      finer_cells_ = true;
-      return true;
-    case 2:  // what heights miss of triangles that fold
-      finer_cells_ = false;
-      return useFaces(kMostFaces, Folds::kSlight);
-    case 3:
-      return useFaces(kMostFaces, Folds::kNone);
-    default:
-      return false;
-  }
 }
 
 Result<void> MeshBuild::chooseStep() {

@@ -324,7 +324,8 @@ void addExportCommand(CLI::App& app, CommandContext& context) {
                               "over a base mesh each patch has a level of its own")
                     ->check(CLI::NonNegativeNumber)
                     ->excludes(level);
-  auto* base = c->add_flag("--base", o->base, "The base mesh alone: quads, in .stl and .glb two triangles each")
+  auto* base = c->add_flag("--base", o->base,
+                           "The base mesh alone: quads; two triangles each in .stl and .glb, and where patches are cut")
                    ->excludes(level)
                    ->excludes(error);
   auto* map = c->add_option("--map", o->map,

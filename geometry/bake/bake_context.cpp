@@ -46,6 +46,16 @@ void BakeContext::beginBatch(LineBatch& batch, uint32_t patch, double u0, double
     batch.square.points[k] = f.position;
     batch.square.normals[k] = f.normal;
   }
+  if (!base.cut || !rasteriser) return;
+  const auto& c = base.patches[patch];
+  for (size_t half = 0; half < 2; ++half)
+    for (size_t k = 0; k < 4; ++k) {
+      const double u = k % 2 ? u1 : u0, v = k / 2 ? v1 : v0;
+      const BasePoint f =
+          onHalf(cornerPoint(c[0]), cornerPoint(c[half ? 2 : 1]), cornerPoint(c[3]), half ? v : u, half ? u : v);
+      batch.halves[half].points[k] = f.position;
+      batch.halves[half].normals[k] = f.normal;
+    }
 }
 
 void BakeContext::intersect(LineBatch& batch) const {
@@ -105,14 +115,32 @@ SurfacePoint BakeContext::touchingPoint(const LineBatch& batch, size_t i, FreeBa
 void BakeContext::findHits(LineBatch& batch) const {
   batch.hits.resize(batch.lines.size());
   if (!rasteriser) return scene->nearestOnLines(batch.lines, Facing::kAlong, batch.hits);
-  rasteriser->nearest(batch.square, batch.raster_lines, batch.lines, batch.hits);
-  batch.unresolved.clear();
-  for (size_t i = 0; i < batch.hits.size(); ++i)
-    if (!batch.hits[i]) batch.unresolved.push_back(batch.lines[i]);
-  batch.unresolved_hits.resize(batch.unresolved.size());
-  scene->nearestOnLines(batch.unresolved, Facing::kAlong, batch.unresolved_hits);
-  for (size_t i = 0, k = 0; i < batch.hits.size(); ++i)
-    if (!batch.hits[i]) batch.hits[i] = batch.unresolved_hits[k++];
+  LineBatch::Part& part = batch.part;
+  auto take = [&](auto belongs) {
+    part.of.clear(), part.lines.clear(), part.raster_lines.clear();
+    for (size_t i = 0; i < batch.lines.size(); ++i) {
+      if (!belongs(i)) continue;
+      part.of.push_back(i);
+      part.lines.push_back(batch.lines[i]);
+      part.raster_lines.push_back(batch.raster_lines[i]);
+    }
+    part.hits.resize(part.of.size());
+  };
+  auto giveBack = [&] {
+    for (size_t k = 0; k < part.of.size(); ++k) batch.hits[part.of[k]] = part.hits[k];
+  };
+  if (!base.cut) {
+    rasteriser->nearest(batch.square, batch.raster_lines, batch.lines, batch.hits);
+  } else {
+    for (size_t half = 0; half < 2; ++half) {
+      take([&](size_t i) { return batch.halfOf(i) == half; });
+      if (!part.of.empty()) rasteriser->nearest(batch.halves[half], part.raster_lines, part.lines, part.hits);
+      giveBack();
+    }
+  }
+  take([&](size_t i) { return !batch.hits[i]; });
+  scene->nearestOnLines(part.lines, Facing::kAlong, part.hits);
+  giveBack();
 }
 
 }  // namespace relievo

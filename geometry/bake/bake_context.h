@@ -35,6 +35,13 @@ inline BasePoint lerp(const BasePoint& a, const BasePoint& b, double t) {
   return {lerp(a.position, b.position, t), lerp(a.normal, b.normal, t)};
 }
 
+// What is linear on a triangle of a patch that is cut, from corner (0,0) by way of (1,0) or (0,1) to (1,1): `along` of
+// the first side, and `across` of the second.
+inline BasePoint onHalf(const BasePoint& from, const BasePoint& by, const BasePoint& to, double along, double across) {
+  auto of = [&](glm::dvec3 BasePoint::*f) { return from.*f * (1 - along) + by.*f * (along - across) + to.*f * across; };
+  return {of(&BasePoint::position), of(&BasePoint::normal)};
+}
+
 // Interpolates the values of a cell's four corners linearly on its two triangles, which meet along the diagonal
 // (0,0)-(1,1). (fx, fy) is the position in the cell, 0 to 1.
 template <class T>
@@ -85,9 +92,19 @@ struct LineBatch {
   std::vector<SurfacePoint> hits;
   double u0 = 0, v0 = 0, u_scale = 1, v_scale = 1;
   RasterSquare square;
-  // Lines that the rasteriser leaves open are traced as rays.
-  std::vector<Line> unresolved;
-  std::vector<SurfacePoint> unresolved_hits;
+  // Of a base mesh that is cut: what is linear on one side of the diagonal, and on the other, on all of the square.
+  std::array<RasterSquare, 2> halves;
+  size_t halfOf(size_t i) const {
+    return double{raster_lines[i].v} / v_scale + v0 > double{raster_lines[i].u} / u_scale + u0;
+  }
+  // Lines that are intersected apart from the others: those of a half; those that the rasteriser leaves open, which are
+  // traced as rays.
+  struct Part {
+    std::vector<size_t> of;  // places in `lines`
+    std::vector<Line> lines;
+    std::vector<RasterLine> raster_lines;
+    std::vector<SurfacePoint> hits;
+  } part;
   // The unit normal of the base's surface where the i-th line begins.
   glm::dvec3 baseNormal(size_t i) const {
     const auto& p = square.points;
@@ -132,6 +149,9 @@ struct BakeContext {
   }
   BasePoint patchPoint(uint32_t patch, double u, double v) const {
     const auto& c = base.patches[patch];
+    if (base.cut)
+      return onHalf(cornerPoint(c[0]), cornerPoint(c[v > u ? 2 : 1]), cornerPoint(c[3]), std::max(u, v),
+                    std::min(u, v));
     return lerp(lerp(cornerPoint(c[0]), cornerPoint(c[1]), u), lerp(cornerPoint(c[2]), cornerPoint(c[3]), u), v);
   }
   // Vertex (x, y) of a patch's grid of n cells a side.

@@ -250,7 +250,10 @@ bool TexelBaker::sampleSurface(const PatchLines& lines, const SampleGrid& grid, 
       const BasePoint left = lerp(corners[0], corners[2], v), right = lerp(corners[1], corners[3], v);
       for (size_t x = x0; x < x1; ++x) {
         const double u = place(x);
-        lines.add(batch, per_texel ? lerp(left, right, u) : context.gridPoint(patch, x, y, cells), u, v);
+        const BasePoint at = !per_texel         ? context.gridPoint(patch, x, y, cells)
+                             : context.base.cut ? context.patchPoint(patch, u, v)
+                                                : lerp(left, right, u);
+        lines.add(batch, at, u, v);
       }
     }
     context.intersect(batch);

@@ -171,8 +171,8 @@ void SampleTracer::addSamples(uint32_t patch, size_t x0, size_t y0, size_t x1, s
       const auto place = placeOf(patch, x, y, n_);
       if (!place || takeOver(patch, x, y, place->index)) continue;
       const bool inside = x > 0 && x < n_ && y > 0 && y < n_;
-      const BasePoint at =
-          inside ? lerp(tile.top[x - x0], tile.bottom[x - x0], fraction(y)) : context_.gridPoint(patch, x, y, n_);
+      const BasePoint at = inside && !context_.base.cut ? lerp(tile.top[x - x0], tile.bottom[x - x0], fraction(y))
+                                                        : context_.gridPoint(patch, x, y, n_);
       tile.batch.add(lineThrough(at, place->reach), fraction(x), fraction(y), 0);
       tile.targets.push_back(place->index);
     }

@@ -85,7 +85,9 @@ BetweenSamples BakedHeights::betweenSamples(const BakeContext& context, uint32_t
   const double largest = std::max(std::abs(offset_mm + scale_mm * *low), std::abs(offset_mm + scale_mm * *high));
   // Of a bilinear function, with D = f00 - f10 - f01 + f11: a quarter of |D| from the triangles over its corners, and a
   // quarter of that with each doubling of the cells.
-  auto twist = [&](glm::dvec3 BasePoint::*of) { return glm::length(c[0].*of - c[1].*of - c[2].*of + c[3].*of) / 4; };
+  auto twist = [&](glm::dvec3 BasePoint::*of) {
+    return context.base.cut ? 0.0 : glm::length(c[0].*of - c[1].*of - c[2].*of + c[3].*of) / 4;
+  };
   auto change = [&](size_t a, size_t b) { return glm::length(c[b].normal - c[a].normal); };
   const double along_u = std::max(change(0, 1), change(2, 3)), along_v = std::max(change(0, 2), change(1, 3));
   const bool same = *low == *high;
@@ -137,6 +139,15 @@ void BakedHeights::surface(const BakeContext& context, uint32_t patch, SurfaceGr
   grid(context, patch, out.cells_log2, q);
   const auto& c = context.base.patches[patch];
   const double per_cell = 1.0 / static_cast<double>(row - 1);
+  for (size_t y = 0; context.base.cut && y < row; ++y)
+    for (size_t x = 0; x < row; ++x) {
+      const BasePoint at =
+          context.patchPoint(patch, static_cast<double>(x) * per_cell, static_cast<double>(y) * per_cell);
+      const double height = offset_mm + scale_mm * q[y * row + x];
+      for (int axis = 0; axis < 3; ++axis)
+        out.axes[static_cast<size_t>(axis)][y * row + x] = at.position[axis] + height * at.normal[axis];
+    }
+  if (context.base.cut) return;
   for (size_t y = 0; y < row; ++y) {
     const double v = static_cast<double>(y) * per_cell;
     const BasePoint left = lerp(context.cornerPoint(c[0]), context.cornerPoint(c[2]), v),

@@ -2,9 +2,9 @@
 // all of its samples. What is shown by a coarse grid within a tolerance need not be computed on the finest.
 //
 // Between samples heights are linear on the cells' triangles, but for rounding, and positions and normals of the base
-// are bilinear (src/artwork/base_mesh.h). So the surface differs from a cell's triangles by the second differences of
-// these, and of the product of heights and normals: upper bounds for the price of one look at the samples.
-// Units: mm. Pure. Made by BakedHeights::betweenSamples().
+// are bilinear, or linear on halves (src/artwork/base_mesh.h). So the surface differs from a cell's triangles by the
+// second differences of these, and of the product of heights and normals: upper bounds for the price of one look at the
+// samples. Units: mm. Pure. Made by BakedHeights::betweenSamples().
 #pragma once
 
 #include <algorithm>

@@ -87,8 +87,8 @@ Result<StepChoice> chooseStepFor(const Fidelity& exact, const Fidelity& exact_at
                                  MeasureFew measureFew, Measure measure) {
   // Steps of s move heights by some s/6: less than s/sqrt(12), as most heights are what the coarser grid shows. kMargin
   // leaves room for another choice of samples; more than kNear of the target is near enough.
-  constexpr double kNoise = 0.165, kSmaller = 0.9, kMargin = 0.95, kNear = 0.92, kLeast = 0.3, kMost = 8,
-                   kWorthwhile = 1.05, kNextLeap = 0.985;
+  constexpr double kNoise = 0.165, kSmaller = 0.9, kMargin = 0.95, kNear = 0.92, kLeast = 0.3, kFinest = 0.08,
+                   kMost = 8, kWorthwhile = 1.05, kNextLeap = 0.985;
   auto rmsOf = [](const Fidelity& f) { return std::max(f.to_drawn.rms_mm, f.to_scan.rms_mm); };
   const double target = exact.target.rms_mm, rms = rmsOf(exact), most = std::max(1.1 * rms, kMargin * target);
   auto roomFor = [&](double with_steps) { return std::sqrt(std::max(0.0, with_steps * with_steps - rms * rms)); };
@@ -125,13 +125,14 @@ Result<StepChoice> chooseStepFor(const Fidelity& exact, const Fidelity& exact_at
     chosen = {guess, true, std::move(*now)};
     if (!exact.kept() || chosen.fidelity.excess() > kNear) break;
   }
-  if (chosen.step_mm == 0 && !exact.kept()) {
-    // Unrounded heights take many times the bits, for hardly a change of what is missed anyway.
-    if (const Result<double> set = solver.set(kLeast * target); !set) return set.error();
-    Result<Fidelity> now = measure();
-    if (!now) return now.error();
-    chosen = {kLeast * target, true, std::move(*now)};
-  }
+  if (chosen.step_mm > 0) return chosen;
+  // Unrounded heights take many times the bits. Where the target is missed anyway steps hardly change by how much;
+  // where it is kept only just, finer ones may leave it so.
+  const double step = (exact.kept() ? kFinest : kLeast) * target;
+  if (const Result<double> set = solver.set(step); !set) return set.error();
+  Result<Fidelity> now = measure();
+  if (!now) return now.error();
+  if (!exact.kept() || now->kept()) chosen = {step, true, std::move(*now)};
   return chosen;
 }
 

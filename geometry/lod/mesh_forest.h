@@ -90,10 +90,7 @@ class MeshForest {
     coarse_index_.assign(patchCount(), kNotAsked);
     whole_shapes_.resize(patchCount());
     twist_mm_.reserve(patchCount());
-    for (const auto& c : base_->patches) {
-      auto at = [&](size_t k) { return glm::dvec3(base_->corners[c[k]].position_mm); };
-      twist_mm_.push_back(glm::length(at(0) - at(1) - at(2) + at(3)));
-    }
+    for (uint32_t p = 0; p < patchCount(); ++p) twist_mm_.push_back(glm::length(base_->twist(p)));
     // Not below those of finer grids, whatever the table says.
     if (coarse_errors_.size() != patchCount()) coarse_errors_.clear();
     for (CoarseErrors& errors : coarse_errors_)
@@ -191,9 +188,9 @@ class MeshForest {
     return facingCone(*base_, patch, std::min(low, high), std::max(low, high), {u[0], u[1], v[0], v[1]});
   }
   // Of the surface through the vertices of an absolute level, within a square. Infinite: nothing is known.
-  // Exaggerated x times, S = P + x h N = x (P + h N) + (1 - x) P: what was baked x times, and what is left of the
-  // bilinear P's. The latter: P's mixed term d u v, cut along the diagonal of cells of width w, is off by |d| w^2 / 4
-  // in their middle.
+  // Exaggerated x times, S = P + x h N = x (P + h N) + (1 - x) P: what was baked x times, and what is left of P's. The
+  // latter: a bilinear P's mixed term d u v, cut along the diagonal of cells of width w, is off by |d| w^2 / 4 in their
+  // middle.
   Deviation deviation(const Square& s, int level, double exaggerate) {
     if (level >= unitLog2()) return {};
     const Deviation twist =
@@ -272,7 +269,7 @@ class MeshForest {
   std::shared_ptr<const ReliefOracle> oracle_;
   std::vector<CoarseErrors> coarse_errors_;
   std::vector<PatchNeighbours> neighbours_;
-  std::vector<double> twist_mm_;  // |c00 - c10 - c01 + c11|
+  std::vector<double> twist_mm_;  // |BaseMesh::twist()|
   int depth_ = 0, place_bits_ = 0;
   bool has_relief_ = false, tails_ = false;
   HeightBounds whole_range_;

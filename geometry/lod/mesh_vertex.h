@@ -9,6 +9,7 @@
 // u, v and t are multiples of 2^-24, hence exact. Heights are samples: integers, the same in every page.
 #pragma once
 
+#include <algorithm>
 #include <array>
 #include <cstdint>
 #include <utility>
@@ -52,10 +53,10 @@ glm::vec3 betweenVertices(const glm::vec3& a, const glm::vec3& b, const glm::vec
 }
 
 // Vertex (x, y) in units of 1 / side (a power of two, at most 2^23) of a patch; height_mm as the shader computes it
-// (exaggerated).
+// (exaggerated); cut: BaseMesh::cut.
 template <class Ops = PlainOps>
 glm::vec3 meshVertexFromEye(const std::array<uint32_t, 4>& index, const std::array<EyeCorner, 4>& corner, uint32_t x,
-                            uint32_t y, uint32_t side, float height_mm) {
+                            uint32_t y, uint32_t side, float height_mm, bool cut) {
   const float scale = 1.0f / static_cast<float>(side);
   float u = static_cast<float>(x) * scale, v = static_cast<float>(y) * scale;
   // A vertex on a side is that side's alone: between its ends a, b at t. Inside, rows first.
@@ -77,7 +78,18 @@ glm::vec3 meshVertexFromEye(const std::array<uint32_t, 4>& index, const std::arr
   glm::vec3 p = lerpOrdered<Ops>(corner[a].from_eye_mm, corner[b].from_eye_mm, t);
   glm::vec3 n = lerpOrdered<Ops>(corner[a].normal, corner[b].normal, t);
   if (inside) {
+    // The two triangles' corners but for (0, 0) and (1, 1): where v > u, the one on the left.
+    const float low = std::min(u, v), high = std::max(u, v);
+    const size_t third = v > u ? 2 : 1;
     auto across = [&](glm::vec3 EyeCorner::*field) {
+      if (cut) {
+        auto of = [&](int axis) {
+          const float two =
+              Ops::mulMulAdd((corner[0].*field)[axis], 1.0f - high, (corner[third].*field)[axis], high - low);
+          return Ops::mulAdd((corner[3].*field)[axis], low, two);
+        };
+        return glm::vec3(of(0), of(1), of(2));
+      }
       glm::vec3 top = lerpOrdered<Ops>(corner[0].*field, corner[1].*field, u);
       glm::vec3 bottom = lerpOrdered<Ops>(corner[2].*field, corner[3].*field, u);
       return lerpOrdered<Ops>(top, bottom, v);

@@ -687,13 +687,13 @@ Result<BaseMesh> BaseDomain::refine(std::span<const RefineRequest> requests, uin
   return d.finish(std::move(*candidate));
 }
 
-Result<BaseMesh> BaseDomain::faces(uint32_t max_patches, Folds folds) const {
+Result<BaseMesh> BaseDomain::faces(uint32_t max_patches) const {
   const Impl& d = *impl_;
   const Error too_many{ErrorKind::kUsage, {}, "the scan has too many triangles to be patches", "allow for more", {}};
   if (d.mesh.triangles.size() > 2 * size_t{max_patches}) return too_many;
   auto surface = makeSurface(d.mesh.positions_mm, d.mesh.triangles);
   if (!surface) return surface.error();
-  BaseMesh base = facesBase(*surface, max_patches, folds);
+  BaseMesh base = facesBase(*surface, max_patches);
   if (base.patches.empty()) return too_many;
   return completed(std::move(base), d.mesh.origin_mm);
 }

@@ -4,7 +4,6 @@
 #include <array>
 #include <cmath>
 #include <numeric>
-#include <span>
 #include <tuple>
 #include <vector>
 
@@ -58,6 +57,7 @@ class FacePairs {
 
   BaseMesh base() const {
     BaseMesh base;
+    base.cut = true;
     for (const glm::vec3& p : s_.points) base.corners.push_back({p, {}});
     std::vector<uint32_t> middle(s_.twin.size(), kNoIndex);
     std::vector<uint32_t> normals_of;  // for each corner from the points on: the half edge whose middle it is
@@ -192,14 +192,10 @@ class FacePairs {
 
 }  // namespace
 
-BaseMesh facesBase(const Surface& surface, uint32_t max_patches, Folds folds) {
+BaseMesh facesBase(const Surface& surface, uint32_t max_patches) {
   if (surface.triangles.size() > 2 * size_t{max_patches}) return {};
-  constexpr double kLarge[] = {20, 45, 80}, kSlight[] = {5}, kFlat[] = {0.01};
-  const std::span<const double> tried = folds == Folds::kAny      ? std::span<const double>(kLarge)
-                                        : folds == Folds::kSlight ? std::span<const double>(kSlight)
-                                                                  : std::span<const double>(kFlat);
   FacePairs pairs(surface);
-  for (const double degrees : tried)
+  for (const double degrees : {20, 45, 80})
     if (pairs.pair(degrees * kDegree) && pairs.patches() <= max_patches) return pairs.base();
   return {};
 }

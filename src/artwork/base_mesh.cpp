@@ -42,6 +42,7 @@ BaseMesh onLattice(const BaseMesh& mesh, double step_mm) {
   BaseMesh out;
   out.origin_mm = mesh.origin_mm;
   out.patches = mesh.patches;
+  out.cut = mesh.cut;
   constexpr uint32_t kUnnamed = ~uint32_t{0};
   std::vector<uint32_t> number(mesh.corners.size(), kUnnamed);
   auto add = [&](uint32_t corner) {

@@ -1,15 +1,17 @@
 // base_mesh.h - the coarse quads of an artwork that is not flat (adaptive quad patches: Gobbetti et al. 2012). Patch p
 // of the base mesh is patch p of the forest of quadtrees; its surface is
 //   S(u, v) = P(u, v) + h(u, v) N(u, v),  (u, v) in [0, 1]^2,
-// P and N bilinear in the four corners' positions and normals, N not normalised (so that S is a polynomial where h is),
-// h the relief's height in mm. What is drawn and measured: the triangles of the finest grid of vertices of S, cut along
-// (0,0)-(1,1).
+// P and N interpolated between the four corners' positions and normals, N not normalised (so that S is a polynomial
+// where h is), h the relief's height in mm. What is drawn and measured: the triangles of the finest grid of vertices of
+// S, cut along (0,0)-(1,1). P and N are bilinear; or they are cut along (0,0)-(1,1), too, and linear on both halves, so
+// that two triangles of a scan are a patch as they are, whatever the number of its cells.
 //
 // Orientation: seen from outside, with u to the right, v points down, as x and y of a flat artwork's texels do: P_v x
 // P_u points outwards. Neighbours share corners by index; their sides need not run alike, and a patch may even meet a
 // neighbour upside down (a Moebius strip): only the direction along a side, by its corners' indices, is ever relied on.
 #pragma once
 
+#include <algorithm>
 #include <array>
 #include <cmath>
 #include <cstddef>
@@ -30,19 +32,35 @@ struct BaseCorner {
   friend bool operator==(const BaseCorner&, const BaseCorner&) = default;
 };
 
+// The shares of a patch's corners at (u, v), which add up to 1.
+inline std::array<double, 4> cornerShares(bool cut, double u, double v) {
+  if (!cut) return {(1 - u) * (1 - v), u * (1 - v), (1 - u) * v, u * v};
+  const double low = std::min(u, v);
+  return {1 - std::max(u, v), u - low, v - low, low};
+}
+
 struct BaseMesh {
   glm::dvec3 origin_mm{0};  // of the corners' positions, in the coordinates of the scan
   std::vector<BaseCorner> corners;
   std::vector<std::array<uint32_t, 4>> patches;  // corners at (u, v) = (0,0), (1,0), (0,1), (1,1)
+  bool cut = false;                              // P and N are linear on the patches' halves
 
-  glm::dvec3 point(uint32_t patch, double u, double v) const { return bilinear(patch, u, v, &BaseCorner::position_mm); }
-  glm::dvec3 normal(uint32_t patch, double u, double v) const { return bilinear(patch, u, v, &BaseCorner::normal); }
+  glm::dvec3 point(uint32_t patch, double u, double v) const { return across(patch, u, v, &BaseCorner::position_mm); }
+  glm::dvec3 normal(uint32_t patch, double u, double v) const { return across(patch, u, v, &BaseCorner::normal); }
+  // P's mixed second difference over a patch, mm: in the middle of cells of width w, P lies a quarter of it times w^2
+  // from their triangles. None where these are P.
+  glm::dvec3 twist(uint32_t patch) const {
+    auto at = [&](size_t k) { return glm::dvec3(corners[patches[patch][k]].position_mm); };
+    return cut ? glm::dvec3(0) : at(0) - at(1) - at(2) + at(3);
+  }
   friend bool operator==(const BaseMesh&, const BaseMesh&) = default;
 
  private:
-  glm::dvec3 bilinear(uint32_t patch, double u, double v, glm::vec3 BaseCorner::*field) const {
-    auto at = [&](int k) { return glm::dvec3(corners[patches[patch][k]].*field); };
-    return (at(0) * (1 - u) + at(1) * u) * (1 - v) + (at(2) * (1 - u) + at(3) * u) * v;
+  glm::dvec3 across(uint32_t patch, double u, double v, glm::vec3 BaseCorner::*field) const {
+    const std::array<double, 4> share = cornerShares(cut, u, v);
+    glm::dvec3 sum(0);
+    for (size_t k = 0; k < 4; ++k) sum += share[k] * glm::dvec3(corners[patches[patch][k]].*field);
+    return sum;
   }
 };
 

@@ -137,16 +137,14 @@ class BodyGuard final : public EyeGuard {
           points_.push_back(glm::vec3(base.point(p, u, v) + base.normal(p, u, v) * (height * exaggerate)));
         }
       }
-      // A bilinear patch lies within a quarter of its twist from the triangles of its cells. The error that the package
+      // A patch lies within a quarter of its twist from the triangles of its cells. The error that the package
       // states includes it, for heights as they are. Unknown heights lie within their range.
       const glm::vec3* at = &points_[size_t{p} * side * side];
       const glm::dvec3 drawn_twist = glm::dvec3(at[0]) - glm::dvec3(at[side - 1]) -
                                      glm::dvec3(at[size_t{side} * (side - 1)]) +
                                      glm::dvec3(at[size_t{side} * side - 1]);
-      const glm::dvec3 base_twist =
-          base.point(p, 0, 0) - base.point(p, 1, 0) - base.point(p, 0, 1) + base.point(p, 1, 1);
       const double slack =
-          known ? std::abs(exaggerate) * error_mm + std::abs(1 - exaggerate) * glm::length(base_twist) / 4
+          known ? std::abs(exaggerate) * error_mm + std::abs(1 - exaggerate) * glm::length(base.twist(p)) / 4
                 : glm::length(drawn_twist) / 4 + (relief ? std::abs(range * exaggerate) / 2 : 0);
       slack_mm_.push_back(static_cast<float>(slack * 1.0001 + 1e-6));
     }

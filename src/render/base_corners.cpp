@@ -26,6 +26,7 @@ void BaseCorners::bind(const gl::Program& program, int first_unit) const {
   positions_.bind(program, "u_corners", first_unit);
   normals_.bind(program, "u_normals", first_unit + 1);
   patches_.bind(program, "u_base", first_unit + 2);
+  glUniform1i(program.uniform("u_cut"), base_->cut);
 }
 
 }  // namespace relievo

@@ -17,7 +17,7 @@ class BaseCorners {
  public:
   explicit BaseCorners(std::shared_ptr<const BaseMesh> base);
   void setEye(const glm::dvec3& eye_mm);  // uploads the positions if the eye moved
-  // Binds texture units first_unit .. first_unit + 2 for the program in use.
+  // For the program in use; binds texture units first_unit .. first_unit + 2.
   void bind(const gl::Program& program, int first_unit) const;
 
  private:

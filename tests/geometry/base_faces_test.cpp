@@ -127,10 +127,10 @@ double areaOf(const TriMesh& m) {
   return area;
 }
 
-BaseMesh facesOf(const TriMesh& mesh, uint32_t max_patches = 4096, Folds folds = Folds::kAny) {
+BaseMesh facesOf(const TriMesh& mesh, uint32_t max_patches = 4096) {
   auto surface = makeSurface(mesh.positions_mm, mesh.triangles);
   EXPECT_TRUE(surface.ok());
-  return surface.ok() ? facesBase(*surface, max_patches, folds) : BaseMesh{};
+  return surface.ok() ? facesBase(*surface, max_patches) : BaseMesh{};
 }
 // The largest angle between the two triangles of a patch.
 double largestFold(const BaseMesh& base) {
@@ -249,25 +249,23 @@ TEST(BaseFaces, NoMoreThanAskedFor) {
   EXPECT_EQ(*base, *(*domain)->faces(4096));
 }
 
-TEST(BaseFaces, PairsFoldNoMoreThanAskedFor) {
+// Pairs that fold are the scan, too, cut along the side that they share.
+TEST(BaseFaces, PairsThatFoldAreTheScan) {
   const TriMesh ball = ballMesh(8);
-  const BaseMesh any = facesOf(ball), slight = facesOf(ball, 4096, Folds::kSlight),
-                 none = facesOf(ball, 4096, Folds::kNone);
-  EXPECT_GT(largestFold(any), 6) << "control";
-  EXPECT_LE(largestFold(any), 20);
-  EXPECT_LE(largestFold(slight), 5);
-  EXPECT_LT(largestFold(none), 0.02);
-  for (const BaseMesh& base : {slight, none}) {
-    EXPECT_GT(base.patches.size(), any.patches.size());
-    const Cover c = coverOf(base, ball);
-    EXPECT_EQ(c.farther, 0u);
-    EXPECT_EQ(c.odd_sides, 0u);
-    EXPECT_EQ(c.missing, 0u);
-    EXPECT_NEAR(c.area, areaOf(ball), 1e-5 * areaOf(ball));
-  }
-  // Without folds the patches are the scan everywhere.
-  for (uint32_t p = 0; p < none.patches.size(); ++p) EXPECT_TRUE(liesOn(ball, none.point(p, 0.37, 0.61))) << p;
-  EXPECT_TRUE(facesOf(ball, static_cast<uint32_t>(none.patches.size() - 1), Folds::kNone).patches.empty());
+  BaseMesh base = facesOf(ball);
+  EXPECT_TRUE(base.cut);
+  EXPECT_GT(largestFold(base), 6) << "control";
+  EXPECT_LE(largestFold(base), 20);
+  auto besideIt = [&] {
+    int count = 0;
+    for (uint32_t p = 0; p < base.patches.size(); ++p)
+      for (const auto& [u, v] : {std::pair{0.37, 0.61}, {0.8, 0.1}, {0.5, 0.5}})
+        count += !liesOn(ball, base.point(p, u, v));
+    return count;
+  };
+  EXPECT_EQ(besideIt(), 0);
+  base.cut = false;
+  EXPECT_GT(besideIt(), 10) << "control";
 }
 
 double distanceTo(const BaseMesh& base, const glm::dvec3& p) {

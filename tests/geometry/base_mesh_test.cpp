@@ -30,6 +30,31 @@ TEST(BaseMesh, BilinearAndOriented) {
   EXPECT_GT(glm::dot(glm::cross(along_v, along_u), m.normal(1, 0, 0)), 0);
 }
 
+// Two triangles that meet along (0,0)-(1,1), and sides as before.
+TEST(BaseMesh, CutIsLinearOnHalves) {
+  BaseMesh bilinear = twoPatches(), cut;
+  bilinear.corners[4].position_mm = {1.5f, -2, 1};
+  bilinear.corners[4].normal = {0, 0.6f, 0.8f};
+  cut = bilinear;
+  cut.cut = true;
+  EXPECT_FALSE(cut == bilinear);
+  for (const double t : {0.0, 0.25, 0.5, 1.0})
+    for (const glm::dvec2 at : {glm::dvec2(t, 0), glm::dvec2(t, 1), glm::dvec2(0, t), glm::dvec2(1, t)}) {
+      EXPECT_EQ(cut.point(0, at.x, at.y), bilinear.point(0, at.x, at.y)) << at.x << " " << at.y;
+      EXPECT_EQ(cut.normal(0, at.x, at.y), bilinear.normal(0, at.x, at.y)) << at.x << " " << at.y;
+    }
+  EXPECT_EQ(cut.point(0, 0.5, 0.5), glm::dvec3(0.75, -1, 0.5)) << "the middle of the diagonal";
+  // The corners' weights 1/4, 1/2, 0, 1/4 to the right of it, and 1/4, 0, 1/2, 1/4 to the left.
+  EXPECT_EQ(cut.point(0, 0.75, 0.25), glm::dvec3(0.875, -0.5, 0.25));
+  EXPECT_EQ(cut.point(0, 0.25, 0.75), glm::dvec3(0.375, -1, 0.25));
+  EXPECT_EQ(bilinear.point(0, 0.75, 0.25), glm::dvec3(0.84375, -0.4375, 0.1875)) << "control";
+  EXPECT_NEAR(glm::distance(cut.normal(0, 0.75, 0.25), {0, 0.15, 0.95}), 0, 1e-7);
+  EXPECT_EQ(cut.twist(0), glm::dvec3(0));
+  EXPECT_EQ(bilinear.twist(0), glm::dvec3(0.5, -1, 1));
+  EXPECT_TRUE(inSequence(onLattice(cut, 1.0 / 64)).cut);
+  EXPECT_FALSE(inSequence(onLattice(bilinear, 1.0 / 64)).cut);
+}
+
 TEST(BaseMesh, NeighboursRunAlike) {
   const auto n = patchNeighbours(twoPatches());
   EXPECT_EQ(n[0][kRight], (PatchNeighbour{1, kLeft, false}));

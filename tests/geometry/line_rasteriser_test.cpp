@@ -211,9 +211,14 @@ TEST(LineRasteriser, whereLinesMeetOneAnotherNothingWrongIsSaid) {
   EXPECT_EQ(far.missing, s.lines.size());
 }
 
-TEST(LineRasteriser, bakesTheSameAsRays) {
+class LineRasteriserOver : public ::testing::TestWithParam<bool> {};  // BaseMesh::cut
+INSTANTIATE_TEST_SUITE_P(Patches, LineRasteriserOver, ::testing::Bool(),
+                         [](const auto& test) { return test.param ? "Cut" : "Bilinear"; });
+
+TEST_P(LineRasteriserOver, bakesTheSameAsRays) {
   const TriMesh mesh = starMesh(bumps, kSanitized ? 24 : 90);
-  const BaseMesh base = sphereBase(9.8, 2);
+  BaseMesh base = sphereBase(9.8, 2);
+  base.cut = GetParam();
   std::vector<uint16_t> heights[2];
   std::vector<uint8_t> texels[2];
   double scale_mm[2];

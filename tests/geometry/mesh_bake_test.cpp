@@ -641,6 +641,42 @@ TEST(MeshBake, aBaseOnTheScanKeepsItsPlaceWhateverItsNormals) {
   EXPECT_GT(highestOf(Touching::kFacing, 0), 5) << "the shape no longer shows the difference";
 }
 
+// Triangles that fold as their own base: two of them are a patch as they are, without heights and whatever the number
+// of its cells.
+TEST(MeshBake, aBaseOfTheScansOwnTrianglesIsTheScan) {
+  const TriMesh mesh = sheetMesh(40, 30, 8, 6, [](double x, double y) { return 3 * std::sin(0.7 * x) * std::cos(y); });
+  auto surface = makeSurface(mesh.positions_mm, mesh.triangles);
+  ASSERT_TRUE(surface.ok());
+  BaseMesh base = facesBase(*surface, 1000);
+  ASSERT_GE(base.patches.size(), mesh.triangles.size() / 2);
+  double largest_of_bilinear = 0;
+  for (const bool cut : {true, false}) {
+    base.cut = cut;
+    const auto baked = bake(mesh, base, {.touch_mm = 1e-5});
+    ASSERT_TRUE(baked);
+    for (uint32_t p = 0; p < base.patches.size(); ++p) {
+      const double error = baked->errorOfGrid(p, 0);
+      if (!cut) largest_of_bilinear = std::max(largest_of_bilinear, error);
+      else ASSERT_EQ(error, 0) << p;
+      if (!cut) continue;
+      ASSERT_NEAR(baked->reliefOffsetMm(), 0, 1e-9);
+      ASSERT_EQ(baked->reliefScaleMm(), 0);
+      const BetweenSamples between = baked->betweenSamples(p);
+      ASSERT_EQ(between.mm(between.cells_log2), 0) << p;
+      SurfaceGrid grid(4);
+      baked->surface(p, grid);
+      for (size_t y = 0; y <= 16; ++y)
+        for (size_t x = 0; x <= 16; ++x) {
+          const size_t at = y * 17 + x;
+          const glm::dvec3 place(grid.axes[0][at], grid.axes[1][at], grid.axes[2][at]);
+          const double u = static_cast<double>(x) / 16, v = static_cast<double>(y) / 16;
+          ASSERT_NEAR(glm::distance(place, base.point(p, u, v)), 0, 1e-9) << p << " " << x << " " << y;
+        }
+    }
+  }
+  EXPECT_GT(largest_of_bilinear, 0.1) << "control: the shape no longer shows the difference";
+}
+
 // A box as its own base again; steps, of which a sheet beside it needs some, draw it beside the scan. Lines upwards
 // from its bottom and its walls, which lean outwards, meet its top: from behind where the box is thin, far away where
 // it is not. Each patch shows itself all the same.

@@ -430,7 +430,7 @@ auto pointsOf(const BaseMesh& mesh, const MeshRelief& relief, const MeshHeight& 
       mm = relief.mm(height(p.node.patch, x & ~between, y & ~between), exaggerate);
     }
     return meshVertexFromEye<Ops>(c, {corners[c[0]], corners[c[1]], corners[c[2]], corners[c[3]]}, x, y,
-                                  1u << relief.unitLog2(), mm);
+                                  1u << relief.unitLog2(), mm, mesh.cut);
   };
 }
 template <class Ops>
@@ -470,6 +470,7 @@ inline MeshCase randomMeshCase(uint64_t seed, NamedMesh named) {
   MeshCase c;
   c.named = std::move(named);
   turnPatches(c.named.mesh, random);
+  c.named.mesh.cut = seed / 16 % 3 == 0;
   auto [low, high] = boxOf(c.named.mesh);
   c.relief.depth = random.integer(0, 6);
   c.relief.scale_mm = glm::length(high - low) * std::exp(random.real(-9, -2.5)) / 65535;

@@ -105,7 +105,7 @@ TEST(MeshWatertight, NegativeControls) {
                 for (size_t i = 0; i < 4; ++i)
                   corners[i] = {glm::vec3(glm::dvec3(mesh.corners[k[i]].position_mm) - c.view.eye_mm),
                                 mesh.corners[k[i]].normal};
-                return bitsOf(meshVertexFromEye(k, corners, x, y, 1u << unit, range.mm(q, 1)));
+                return bitsOf(meshVertexFromEye(k, corners, x, y, 1u << unit, range.mm(q, 1), mesh.cut));
               }).mismatches;
     // Every other node takes the edges that it would have if more pages were resident.
     ReliefSet more = c.resident;
@@ -211,7 +211,7 @@ void comparePair(const Pair& pair, int unit_log2, int level, uint32_t segment, i
       const uint32_t across = side == kRight || side == kBottom ? side_units : 0;
       const glm::vec3 v =
           meshVertexFromEye<Ops>(pair.index[k], pair.corner[k], upright ? across : t, upright ? t : across, side_units,
-                                 heights[place & (heights.size() - 1)]);
+                                 heights[place & (heights.size() - 1)], false);
       seen[k].push_back({place, bitsOf(v)});
     }
     if (flip) std::reverse(seen[k].begin(), seen[k].end());
@@ -250,6 +250,39 @@ PairCount comparePairs(uint64_t seed, uint64_t wanted) {
       }
   }
   return count;
+}
+
+// Inside a patch as on its sides, a vertex is the surface's point, whether the patch is cut or not.
+TEST(MeshVertex, IsThePointOfTheBaseMesh) {
+  Random random(kSeed);
+  double largest = 0, other = 0;
+  for (const bool cut : {false, true})
+    for (int k = 0; k < 100; ++k) {
+      BaseMesh mesh;
+      mesh.cut = cut;
+      mesh.patches = {{0, 1, 2, 3}};
+      std::array<EyeCorner, 4> corners;
+      for (EyeCorner& c : corners) {
+        c.from_eye_mm = {random.real(-10, 10), random.real(-10, 10), random.real(-10, 10)};
+        c.normal = glm::normalize(glm::vec3(random.real(-1, 1), random.real(-1, 1), 2));
+        mesh.corners.push_back({c.from_eye_mm, c.normal});
+      }
+      BaseMesh otherwise = mesh;
+      otherwise.cut = !cut;
+      constexpr uint32_t kSide = 32;
+      for (uint32_t y = 0; y <= kSide; ++y)
+        for (uint32_t x = 0; x <= kSide; ++x) {
+          const double u = static_cast<double>(x) / kSide, v = static_cast<double>(y) / kSide, height = 0.75;
+          const auto vertex = glm::dvec3(meshVertexFromEye({0, 1, 2, 3}, corners, x, y, kSide, 0.75f, cut));
+          auto off = [&](const BaseMesh& m) {
+            return glm::distance(vertex, m.point(0, u, v) + height * m.normal(0, u, v));
+          };
+          largest = std::max(largest, off(mesh));
+          other = std::max(other, off(otherwise));
+        }
+    }
+  EXPECT_LT(largest, 1e-5);
+  EXPECT_GT(other, 1) << "control";
 }
 
 TEST(MeshWatertight, EveryPairOfLevelsAndEveryOrientation) {

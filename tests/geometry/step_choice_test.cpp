@@ -102,9 +102,21 @@ TEST(StepChoice, noStepsWhereNoneAreKept) {
   const Outcome r = outcomeOf(scan, 3);
   EXPECT_EQ(r.choice.step_mm, 0);
   EXPECT_FALSE(r.choice.measured);
-  EXPECT_EQ(r.measured, 3);
+  EXPECT_EQ(r.measured, 4) << "the finest steps, too";
   scan.found = [](double, double rms) { return with(rms, 0.9); };  // control
   EXPECT_GT(outcomeOf(scan, 3).choice.step_mm, 0);
+}
+
+// The target is kept, and leaves hardly any room: fine steps take few bits, unrounded heights many.
+TEST(StepChoice, fineStepsWhereThereIsHardlyRoom) {
+  Scan scan{.missed = 0.995 * kTarget};
+  const Outcome r = outcomeOf(scan);
+  EXPECT_TRUE(r.choice.measured);
+  EXPECT_TRUE(r.choice.fidelity.kept());
+  EXPECT_NEAR(r.choice.step_mm, 0.08 * kTarget, 1e-12);
+  EXPECT_EQ(r.last_set, r.choice.step_mm);
+  scan.missed = 0.99999 * kTarget;
+  EXPECT_EQ(outcomeOf(scan).choice.step_mm, 0) << "control: no room at all";
 }
 
 // Some is missed by large steps only: those below are chosen.

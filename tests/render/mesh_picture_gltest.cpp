@@ -18,12 +18,13 @@ using namespace test;
 
 constexpr uint64_t kSeed = 20261121;
 
-class MeshPicture : public ::testing::Test {
+class MeshPicture : public ::testing::TestWithParam<bool> {  // BaseMesh::cut
  protected:
   void SetUp() override {
     BaseMesh mesh = test::cubeSphere(2, kRadius);
     test::Random turns(kSeed);
     test::turnPatches(mesh, turns);
+    mesh.cut = GetParam();
     base_ = std::make_shared<const BaseMesh>(std::move(mesh));
     artwork_ = ballArtwork(base_, 1, kSeed);
   }
@@ -32,7 +33,7 @@ class MeshPicture : public ::testing::Test {
   Artwork artwork_;
 };
 
-TEST_F(MeshPicture, IsThatOfALitBall) {
+TEST_P(MeshPicture, IsThatOfALitBall) {
   std::mt19937 random(static_cast<uint32_t>(kSeed));
   std::uniform_real_distribution<double> uniform(0, 1);
   Scene scene;
@@ -81,6 +82,9 @@ TEST_F(MeshPicture, IsThatOfALitBall) {
   EXPECT_GT(still_light, 20) << "control";
   EXPECT_GT(other_size, 8) << "control";
 }
+
+INSTANTIATE_TEST_SUITE_P(Patches, MeshPicture, ::testing::Bool(),
+                         [](const auto& test) { return test.param ? "Cut" : "Bilinear"; });
 
 }  // namespace mesh_picture_gltest
 }  // namespace relievo

@@ -28,10 +28,11 @@ using test::kSanitized;
 constexpr uint64_t kSeed = 17;
 
 Result<BuildReport> build(const std::string& path, const PatchSource& source, int workers = 2,
-                          uint64_t budget = uint64_t{256} << 20, bool compact = true) {
+                          uint64_t budget = uint64_t{256} << 20, bool compact = true, bool coded_index = true) {
   BuildOptions o;
   o.output = path;
   o.compact = compact;
+  o.coded_index = coded_index;
   o.workers = workers;
   o.memory_budget_bytes = budget;
   o.tool_version = "test";
@@ -557,6 +558,55 @@ TEST(PatchPackage, keepsTheBaseMeshAndTellsOfTheScan) {
   EXPECT_EQ(m.sources.at(0).name, "noise, seed 17");
 }
 
+// Patches that are cut are told by version 11, however the index is stored; older storage cannot.
+TEST(PatchPackage, keepsThatPatchesAreCut) {
+  BaseMesh cut = cubeSphere(2, 100, kSeed);
+  cut.cut = true;
+  const NoisyPatches source(cut, 0, 0, kSeed);
+  ScratchFolder folder;
+  const std::string path = folder.file("a.relievo");
+  constexpr uint64_t kBudget = uint64_t{256} << 20;
+  for (const bool coded_index : {false, true}) {
+    ASSERT_TRUE(build(path, source, 2, kBudget, true, coded_index).ok());
+    auto package = Package::open(path);
+    ASSERT_TRUE(package.ok()) << package.error().text();
+    EXPECT_EQ(*(*package)->manifest().base, cut);
+    EXPECT_EQ((*package)->header().coded_index, coded_index);
+    const auto json = nlohmann::json::parse((*package)->manifestJson());
+    EXPECT_EQ(json["version"], 11);
+    EXPECT_EQ(json["base"]["cut"], true);
+    std::vector<uint16_t> samples(kReliefPageSamples), truth(kReliefPageSamples);
+    for (uint32_t p = 0; p < cut.patches.size(); ++p) {
+      auto page = (*package)->read(PageId(Plane::kRelief, {p, 0, 0, 0}));
+      ASSERT_TRUE(page.ok() && source.heights(p, truth).ok()) << p;
+      ASSERT_TRUE(PageDecoder().decodeRelief(page->bytes, samples).ok()) << p;
+      EXPECT_TRUE(samples == truth) << p;
+    }
+  }
+  const auto refused = build(path, source, 2, kBudget, false);
+  ASSERT_FALSE(refused.ok());
+  EXPECT_NE(refused.error().text().find("need a package of version 11"), std::string::npos) << refused.error().text();
+  // Another kind of interpolation is a later version's.
+  const std::vector<uint8_t> sound = readAll(path);
+  for (const auto& [field, kind, words] : {std::tuple{2076u, 1u, ""},
+                                           {2076u, 2u, "interpolated by kind 1 in version 11, found 2"},
+                                           {2076u, 0u, "interpolated by kind 1 in version 11, found 0"},
+                                           {2072u, 1u, "an index of kind 2"},
+                                           {2072u, 0u, "expected storage of kind 2 in version 11, found 3"}}) {
+    std::vector<uint8_t> other = sound;
+    for (uint8_t* head : {other.data(), other.data() + other.size() - kHeaderBytes}) {
+      storeLittle(head + field, kind);
+      storeLittle(head + kHeaderBytes - 8, static_cast<uint64_t>(XXH3_64bits(head, kHeaderBytes - 8)));
+    }
+    writeAll(path, other);
+    const auto found = Package::open(path);
+    EXPECT_EQ(found.ok(), std::string(words).empty()) << field << " " << kind;
+    if (!found.ok()) {
+      EXPECT_NE(found.error().text().find(words), std::string::npos) << found.error().text();
+    }
+  }
+}
+
 TEST(PatchPackage, theSameBytesForAnyWorkersAndMemory) {
   if (test::kSanitized) GTEST_SKIP() << "about figures; others build packages under the sanitizer";
   NoisyPatches source(cubeSphere(2, 100, kSeed), 1, 1, kSeed);
@@ -756,8 +806,8 @@ TEST_F(BaseOfPackage, hostileHeaderFieldsAreRefused) {
   EXPECT_NE(refusal(), "");
   setField(96, uint64_t{127});
   EXPECT_NE(refusal(), "");
-  // Version 1 knows no albedo and normal, version 3 no basis by its number, versions 4 to 10 say how they store things,
-  // and version 11 is yet to come.
+  // Version 1 knows no albedo and normal, version 3 no basis by its number, versions 4 to 11 say how they store things,
+  // and version 12 is yet to come.
   EXPECT_NE(withField(8, uint32_t{1}).find("expected basis 0, 1 or 2, found 3"), std::string::npos);
   EXPECT_NE(withField(8, uint32_t{3}).find("expected no number of a basis in version 3, found 3"), std::string::npos);
   EXPECT_NE(withField(8, uint32_t{4}).find("expected storage of kind 1 in version 4, found 0"), std::string::npos);
@@ -766,7 +816,8 @@ TEST_F(BaseOfPackage, hostileHeaderFieldsAreRefused) {
   EXPECT_NE(withField(8, uint32_t{7}).find("expected storage of kind 1 in version 7, found 0"), std::string::npos);
   EXPECT_NE(withField(8, uint32_t{8}).find("expected storage of kind 1 in version 8, found 0"), std::string::npos);
   EXPECT_NE(withField(8, uint32_t{10}).find("expected storage of kind 1 in version 10, found 0"), std::string::npos);
-  EXPECT_NE(withField(8, uint32_t{11}).find("version 1 to 10, found 11"), std::string::npos);
+  EXPECT_NE(withField(8, uint32_t{11}).find("expected storage of kind 1 in version 11, found 0"), std::string::npos);
+  EXPECT_NE(withField(8, uint32_t{12}).find("version 1 to 11, found 12"), std::string::npos);
 }
 
 TEST_F(BaseOfPackage, hostileSectionsAreRefusedByName) {

@@ -107,10 +107,15 @@ def read_ply(path):
     return stack("xyz") + origin, stack(["nx", "ny", "nz"]), stack(["red", "green", "blue"])
 
 
-def bilinear(corners, u, v):
+def across(inside, corners, u, v):
     """corners: patches x 4 x 3, at (0,0), (1,0), (0,1), (1,1); u over columns, v over rows."""
     c = corners[:, None, None, :, :]
     u, v = u[None, None, :, None], v[None, :, None, None]
+    if inside == "triangles":
+        right = c[..., 0, :] + u * (c[..., 1, :] - c[..., 0, :]) + v * (c[..., 3, :] - c[..., 1, :])
+        left = c[..., 0, :] + v * (c[..., 2, :] - c[..., 0, :]) + u * (c[..., 3, :] - c[..., 2, :])
+        return np.where(u >= v, right, left)
+    assert inside == "bilinear"
     return (c[..., 0, :] * (1 - u) + c[..., 1, :] * u) * (1 - v) + (c[..., 2, :] * (1 - u) + c[..., 3, :] * u) * v
 
 
@@ -143,8 +148,8 @@ class Map:
         t = np.arange(self.cells + 1) / self.cells
         return (
             np.array(self.json["origin"])
-            + bilinear(self.corners("positions"), t, t)
-            + heights * bilinear(self.corners("directions"), t, t)
+            + across(self.json["inside"], self.corners("positions"), t, t)
+            + heights * across(self.json["inside"], self.corners("directions"), t, t)
         )
 
 

@@ -94,8 +94,11 @@ constexpr size_t kTextureDepthsField = 2060;
 constexpr size_t kTailsField = 2064;
 // From version 8 on: how texture pages may be stored beside what encodings say, 1. Before: 0.
 constexpr size_t kTexelsField = 2068;
-// From version 9 on: how the index is stored, 1. Before: 0.
+// From version 9 on: how the index is stored, 1, from version 10 on 2; in version 11 2, or 0 as in version 8. Before:
+// 0.
 constexpr size_t kIndexField = 2072;
+// From version 11 on: how the base mesh is interpolated, 1: on halves. Before: 0.
+constexpr size_t kCutField = 2076;
 constexpr size_t kBasisName = 320, kBasisNameBytes = 32, kBasisCounts = 352, kBasisEncodings = 368, kBasisScales = 432;
 static_assert(kBasisEncodings + 2 * kMaxTexturePlanes <= kBasisScales);
 static_assert(kBasisScales + 16 * kMaxCoefficients <= kCompactFields[0]);
@@ -364,6 +367,7 @@ void encodeHeader(const PackageHeader& h, std::span<uint8_t> out) {
   if (h.compact && h.coded_tails) f.put(kTailsField, h.light_patches ? 2u : 1u);
   if (h.compact && h.coded_texels) f.put(kTexelsField, 1u);
   if (h.compact && h.coded_index) f.put(kIndexField, h.light_patches ? 2u : 1u);
+  if (h.cut_patches) f.put(kCutField, 1u);
   f.put(256, h.relief_detail ? static_cast<uint32_t>(kErrorBlocks) : 0u);
   f.put(260, h.relief_shapes ? 1u : 0u);
   f.put(264, h.base_offset);
@@ -421,9 +425,9 @@ class HeaderDecoder {
                    "make one with `relievo build`", 0};
     }
     version_ = at<uint32_t>(8);
-    if (version_ < 1 || version_ > 10) {
+    if (version_ < 1 || version_ > 11) {
       return Error{ErrorKind::kUnsupported, path_,
-                   "expected package version 1 to 10, found " + std::to_string(version_),
+                   "expected package version 1 to 11, found " + std::to_string(version_),
                    "use a newer relievo, or rebuild the package", 8};
     }
     if (at<uint64_t>(kHeaderBytes - 8) != XXH3_64bits(p_, kHeaderBytes - 8))
@@ -474,8 +478,9 @@ class HeaderDecoder {
     h_.coded_tails = version_ >= 6;
     h_.coded_base = version_ >= 7;
     h_.coded_texels = version_ >= 8;
-    h_.coded_index = version_ >= 9;
-    h_.light_patches = version_ >= 10;
+    h_.cut_patches = version_ >= 11;
+    h_.light_patches = h_.cut_patches ? at<uint32_t>(kIndexField) != 0 : version_ >= 10;
+    h_.coded_index = h_.cut_patches ? h_.light_patches : version_ >= 9;
     h_.texture_depths = version_ == 5 || (version_ >= 6 && at<uint32_t>(kTextureDepthsField) != 0);
     if (!h_.compact) return {};
     for (size_t field : kCompactFields)
@@ -497,6 +502,9 @@ class HeaderDecoder {
         h_.coded_index && kind != expected)
       return unsupported(kIndexField, "expected an index of kind " + std::to_string(expected) + " in version " +
                                           std::to_string(version_) + ", found " + std::to_string(kind));
+    if (const auto kind = at<uint32_t>(kCutField); h_.cut_patches && kind != 1)
+      return unsupported(kCutField, "expected a base mesh interpolated by kind 1 in version " +
+                                        std::to_string(version_) + ", found " + std::to_string(kind));
     if (at<uint64_t>(272) == 0)
       return invalid(272, "expected a base mesh in version " + std::to_string(version_) + ", found none");
     return {};

@@ -63,6 +63,8 @@ struct PackageHeader {
   // Version 10, one of version 9 whose patches take few bytes: tails are coded by grids (texturing/codec/tail_grid.h),
   // the base mesh by sides (BaseCodeKind::kBySides), and relief pages that their tails show have none.
   bool light_patches = false;
+  // Version 11, one of version 10 or 8 whose base mesh is cut (BaseMesh::cut).
+  bool cut_patches = false;
   uint32_t detailBytes() const {
     return relief_detail ? kReliefDetailBytes + (relief_shapes ? kReliefShapesBytes : 0) : 0;
   }
@@ -71,11 +73,12 @@ struct PackageHeader {
   // The directory of the patches' tails (0 bytes: there are none): package_tails.h.
   uint64_t tails_offset = 0, tails_bytes = 0, tails_hash = 0;
 };
-// 10 to 4 where it is compact; else 3 where the header describes the basis; else 1, or 2 with a base mesh: packages
+// 11 to 4 where it is compact; else 3 where the header describes the basis; else 1, or 2 with a base mesh: packages
 // of those bases stay what they were.
 inline uint32_t packageVersion(const PackageHeader& h) {
   if (h.compact)
-    return h.light_patches    ? 10
+    return h.cut_patches      ? 11
+           : h.light_patches  ? 10
            : h.coded_index    ? 9
            : h.coded_texels   ? 8
            : h.coded_base     ? 7

@@ -202,6 +202,7 @@ struct Package::Impl {
                          (first.kind == ErrorKind::kIo ? " cannot be read: " + first.message : " is damaged") +
                          "; its copy is used");
     }
+    section->mesh.cut = header.cut_patches;
     manifest.base = std::make_shared<const BaseMesh>(std::move(section->mesh));
     manifest.coarse_errors = std::move(section->coarse_errors);
     manifest.coarse_blocks = std::move(section->coarse_blocks);

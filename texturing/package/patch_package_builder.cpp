@@ -76,6 +76,7 @@ Result<std::string> manifestOf(const PackageHeader& h, const PatchSource& source
                   {"patches", base.patches.size()},
                   {"origin_mm", {base.origin_mm.x, base.origin_mm.y, base.origin_mm.z}},
                   {"error_unit_mm", source.errorUnitMm()}};
+  if (base.cut) json["base"]["cut"] = true;
   auto extra =
       nlohmann::ordered_json::parse(options.manifest_extra.empty() ? "{}" : options.manifest_extra, nullptr, false);
   if (extra.is_object()) json.update(extra);
@@ -173,6 +174,9 @@ Result<PackageHeader> planHeader(const PatchSource& source, const BuildOptions& 
   header.coded_base = header.coded_tails && options.coded_base;
   header.coded_texels = header.coded_base && options.coded_texels;
   header.light_patches = header.coded_texels && options.coded_index && options.light_patches;
+  header.cut_patches = source.base().cut;
+  if (header.cut_patches && (!header.coded_texels || header.light_patches != options.coded_index))
+    return usage("patches that are cut need a package of version 11");
   header.page_count = packageLayout(header.domain, header.texture, 0, 0).page_count;
   header.base_bytes = baseSectionBytes(source.base().corners.size(), header.domain.patchCount());
   return header;

@@ -430,8 +430,9 @@ Result<MeshExportReport> exportBase(const std::shared_ptr<const Package>& packag
   const BaseMesh& base = *package->manifest().base;
   MeshFacts facts = factsOf(grid, {}, format);
   facts.colours = false;
-  facts.corners = format.quads() ? 4 : 3;
-  facts.faces = base.patches.size() * (format.quads() ? 1 : 2);
+  const bool quads = format.quads() && !base.cut;
+  facts.corners = quads ? 4 : 3;
+  facts.faces = base.patches.size() * (quads ? 1 : 2);
   std::vector<bool> used(base.corners.size());
   for (const auto& patch : base.patches)
     for (const uint32_t corner : patch) used[corner] = true;
@@ -449,7 +450,7 @@ Result<MeshExportReport> exportBase(const std::shared_ptr<const Package>& packag
   if (auto done = file->commit(); !done) return done.error();
   report.faces = facts.faces;
   report.file_bytes = bytes;
-  report.quads = format.quads();
+  report.quads = quads;
   report.from_origin = countsFromOrigin(facts);
   report.origin_mm = facts.origin;
   return report;

@@ -119,8 +119,9 @@ StabilityErrors sharedSides() {
     constexpr uint32_t kSide = 1024;
     for (uint32_t v = 1; v < kSide; v += 7) {
       const auto height_mm = static_cast<float>(0.01 * static_cast<double>(random() % 1000));
-      measured += meshVertexFromEye(a, of(a), kSide, v, kSide, height_mm) !=
-                  meshVertexFromEye(b, of(b), 0, kSide - v, kSide, height_mm);
+      for (const bool cut : {false, true})
+        measured += meshVertexFromEye(a, of(a), kSide, v, kSide, height_mm, cut) !=
+                    meshVertexFromEye(b, of(b), 0, kSide - v, kSide, height_mm, cut);
       const float t = static_cast<float>(v) / kSide;
       const auto along = [&](uint32_t from, uint32_t to, float at) {
         const glm::vec3 p = corner[from].from_eye_mm + at * (corner[to].from_eye_mm - corner[from].from_eye_mm);
