@@ -517,6 +517,13 @@ Result<bool> MeshBuild::useMorePatches() {
 
 Result<void> MeshBuild::replaceHopelessBase() {
   const double of_default = target().p99_9_mm / FidelityTarget::of(diagonalOf(loaded_.mesh)).p99_9_mm;
+  // A coarse copy is asked for: patches that are larger than triangles take fewer bytes.
+  const bool coarser = of_default > 1;
+  if (a_.patches == 0 && !coarser) {
+    const Result<bool> own = useFaces(mostFacesAtOnce(textured_.format.basis != Basis::kAlbedoNormal));
+    if (!own) return own.error();
+    if (*own) return {};
+  }
   if (a_.patches > 0 || !isHopeless(base_.patches.size(), domain_->lostArea(), of_default)) return {};
   const Result<bool> replaced = replaceFirstBase(
       mostFacesFirst(creased()), [&](uint32_t max_patches) { return useFaces(max_patches); },

@@ -60,7 +60,7 @@ void printReport(const ExportArguments& o, const MeshExportReport& r, bool size_
   printOutf(", %.1f MiB, %.1f s\n", static_cast<double>(r.file_bytes) / (1 << 20), seconds);
   if (r.maps_px) printOutf("  colours and normals in images of %d x %d px\n", (*r.maps_px)[0], (*r.maps_px)[1]);
   if (r.draco_step) printOutf("  compressed by Draco: positions in steps of %.3g %s\n", *r.draco_step, unit);
-  if (!o.base && r.coarser_error_mm && !o.error_mm)
+  if (!o.base && r.coarser_error_mm && !o.error_mm && r.least_level == r.level)
     printOutf("  level %d has a quarter of the triangles, within %.3g %s of full detail\n", r.level - 1,
               *r.coarser_error_mm, unit);
   if (r.from_origin)

@@ -26,6 +26,10 @@ constexpr uint32_t mostFacesFirst(double creased) {
   return creased >= kMostlyCreased ? kFewFaces : kMostPatches;
 }
 
+// So few of them are not even compared with others: they are the scan, at once, and take no more bytes. planes: their
+// texture is a basis of light, of which every patch has pages.
+constexpr uint32_t mostFacesAtOnce(bool planes) { return planes ? 0 : kMostPatches; }
+
 // Of the lattice that corners of base meshes are moved to before they are baked (onLattice()): packages need few bytes
 // for them, and heights make up for it. The finest one is for bases that have hardly any heights.
 constexpr double finestBaseStep(double diagonal) { return diagonal / (kMostPositionSteps / 4); }

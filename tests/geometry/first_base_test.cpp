@@ -62,6 +62,11 @@ TEST(FirstBase, IsReplacedByWhatTakesTheFewestBytes) {
   expectTried(tried(65'537, false), {4096, 0, 65'536}, false);
 }
 
+TEST(FirstBase, FewOwnTrianglesAreTakenAtOnceButUnderABasisOfLight) {
+  EXPECT_EQ(mostFacesAtOnce(false), 4096u);
+  EXPECT_EQ(mostFacesAtOnce(true), 0u);
+}
+
 TEST(FirstBase, MoreOwnTrianglesComeFirstWhereMostLieBesideCreases) {
   EXPECT_EQ(mostFacesFirst(0), 4096u);
   EXPECT_EQ(mostFacesFirst(0.49), 4096u);

@@ -3,6 +3,7 @@
 #include <array>
 #include <cmath>
 #include <iostream>
+#include <numbers>
 #include <random>
 #include <sstream>
 #include <string>
@@ -301,6 +302,59 @@ TEST_F(ExportCli, AScanComesOutAsNearAsItsBuildPromised) {
   EXPECT_EQ(opened->diagnosis.border_loops, 1u);
 }
 
+// A ring of cut stones: few triangles, which are the patches themselves; their tops fold a little.
+std::string stonesOff() {
+  std::ostringstream points, faces;
+  std::mt19937 random(11);
+  const auto part = [&] { return static_cast<double>(random() % 1000) / 1000; };
+  constexpr int kStones = 24, kAround = 8;
+  for (int s = 0; s < kStones; ++s) {
+    const double turn = 2 * std::numbers::pi * s / kStones, x = 100 * std::cos(turn), y = 100 * std::sin(turn);
+    const int below = s * (2 * kAround + 2), above = below + 1, first = below + 2;
+    points << x << " " << y << " " << -6.5 << "\n" << x << " " << y << " " << 6 + part() << "\n";
+    for (int k = 0; k < kAround; ++k) {
+      const double at = 2 * std::numbers::pi * (k + 0.5 * part()) / kAround, wide = 6 + 4 * part();
+      for (const double z : {-6.0, 6.0})
+        points << x + (10 + z) / 10 * wide * std::cos(at) << " " << y + (10 + z) / 10 * wide * std::sin(at) << " " << z
+               << "\n";
+      const int a = first + 2 * k, b = first + 2 * ((k + 1) % kAround);
+      faces << "3 " << below << " " << b << " " << a << "\n3 " << above << " " << a + 1 << " " << b + 1 << "\n";
+      faces << "3 " << a << " " << b << " " << b + 1 << "\n3 " << a << " " << b + 1 << " " << a + 1 << "\n";
+    }
+  }
+  return "OFF\n" + std::to_string(kStones * (2 * kAround + 2)) + " " + std::to_string(4 * kStones * kAround) + " 0\n" +
+         points.str() + faces.str();
+}
+
+// Patches of the scan's own triangles give these back, in full detail, as the base mesh, and out of maps.
+TEST_F(ExportCli, OwnTrianglesComeOutAsTheyWentIn) {
+  if (test::kSanitized) GTEST_SKIP() << "about figures; others build scans under the sanitizer";
+  write("stones.off", stonesOff());
+  const Outcome built = relievo("build --mesh " + file("stones.off") + " -o " + file("stones.relievo"));
+  ASSERT_EQ(built.exit_code, 0) << built.output;
+  const auto scan = readMesh(file("stones.off"));
+  ASSERT_TRUE(scan.ok());
+  constexpr double kRounding = 2e-3;
+  for (const std::string options : {"", "--base", "--error-mm 0.001"}) {
+    const Outcome r = exported("stones.relievo", "out.ply", options);
+    ASSERT_EQ(r.exit_code, 0) << r.output;
+    if (options != "--base") {
+      EXPECT_NE(r.output.find(", full detail,"), std::string::npos) << r.output;
+    }
+    const auto out = readMesh(file("out.ply"));
+    ASSERT_TRUE(out.ok());
+    EXPECT_EQ(out->mesh.triangles.size(), scan->mesh.triangles.size()) << options;
+    EXPECT_EQ(out->diagnosis.border_loops, 0u) << options;
+    EXPECT_LT(distances(scan->mesh, out->mesh, 5000).max, kRounding) << options;
+    EXPECT_LT(distances(out->mesh, scan->mesh, 5000).max, kRounding) << options;
+  }
+  ASSERT_EQ(exported("stones.relievo", "out.ply", "--level 2").exit_code, 0);
+  const auto fine = readMesh(file("out.ply"));
+  ASSERT_TRUE(fine.ok());
+  EXPECT_EQ(fine->mesh.triangles.size(), 16 * scan->mesh.triangles.size());
+  EXPECT_LT(distances(fine->mesh, scan->mesh, 5000).max, kRounding);
+}
+
 // ---- maps of a scan: its surface from them by tests/tools/patch_maps.py, which knows tools/export/PATCH_MAPS.md ----
 class PatchMaps : public ExportCli {
  protected:
@@ -341,6 +395,15 @@ TEST_F(PatchMaps, GiveTheExportedMeshBack) {
                 << "\n";
     }
   }
+  // Of patches that are cut.
+  write("stones.off", stonesOff());
+  ASSERT_EQ(relievo("build --mesh " + file("stones.off") + " -o " + file("stones.relievo")).exit_code, 0);
+  ASSERT_EQ(exported("stones.relievo", "out.ply", "--level 2").exit_code, 0);
+  ASSERT_EQ(exported("stones.relievo", "s.tif", "--map height --level 2").exit_code, 0);
+  EXPECT_NE(get("s.map.json").find("\"inside\":\"triangles\""), std::string::npos);
+  const Outcome of_stones = compared("s.map.json");
+  EXPECT_EQ(of_stones.exit_code, 0) << of_stones.output;
+  ASSERT_EQ(exported("ball.relievo", "out.ply", "--level 2").exit_code, 0);
   // Controls: a sample of the atlas, a place of the base mesh, a normal that is another.
   ASSERT_EQ(exported("ball.relievo", "h.tif", "--map height --level 2").exit_code, 0);
   ASSERT_EQ(exported("ball.relievo", "n.tif", "--map normal --level 2").exit_code, 0);

@@ -291,6 +291,28 @@ TEST_F(MeshCli, AScanOfFewTrianglesIsShownExactly) {
   EXPECT_EQ(bytesOf(file("a.relievo")), bytesOf(file("b.relievo")));
 }
 
+// A ball of few triangles, which patches of even size show well, too: it is its own base at once, unless less is asked
+// for.
+TEST_F(MeshCli, FewTrianglesAreTheirOwnBaseUnlessLessIsAskedFor) {
+  if (relievo::test::kSanitized) GTEST_SKIP() << "about figures; others build scans under the sanitizer";
+  const Ball ball = wavyBall(60, 40);
+  write("ball.ply", plyOf(ball, false));
+  const auto built = [&](const std::string& options) {
+    const Outcome r = relievo("build --mesh " + file("ball.ply") + " -o " + file("a.relievo") + " --json " +
+                              file("r.json") + options);
+    EXPECT_EQ(r.exit_code, 0) << r.output;
+    return parsed(bytesOf(file("r.json")));
+  };
+  const size_t pairs = ball.triangles.size() / 2;
+  const Json own = built("");
+  EXPECT_GE(own["mesh"]["patches"].get<size_t>(), pairs);
+  EXPECT_LT(own["distance"]["scan_to_patches"]["max_of_diagonal"].get<double>(), 1e-6);
+  const auto bytes = std::filesystem::file_size(file("a.relievo"));
+  EXPECT_LT(built(" --tolerance 0.5%")["mesh"]["patches"].get<size_t>(), pairs / 4);
+  EXPECT_LT(std::filesystem::file_size(file("a.relievo")), bytes / 2) << "a coarser copy is a smaller one";
+  EXPECT_LT(built(" --patches 100")["mesh"]["patches"].get<size_t>(), 150u);
+}
+
 // Twenty gear wheels, of which patches of even size show nothing: their own triangles are patches, and take a tenth of
 // the bytes of simplified ones.
 TEST_F(MeshCli, FewTrianglesComeBeforeSimplifiedOnes) {
@@ -600,7 +622,7 @@ TEST_F(MeshCli, UnitPlaceAttitudeAndOrderChangeNothingButCoordinates) {
     const double x = c * p[0] - s * p[1], y = s * p[0] + c * p[1];
     return Point{x, d * y - e * p[2], e * y + d * p[2]};
   };
-  const Ball ball = wavyBall(24, 16);
+  const Ball ball = wavyBall(100, 60);  // more triangles than are patches at once
   struct Figures {
     int exit_code = 0;
     double patches = 0, samples = 0, psnr_db = 0;

@@ -54,12 +54,12 @@ uint64_t MeshDetail::vertices(const ExportGrid& grid) const {
 Result<MeshDetail> chooseDetail(const std::shared_ptr<const Package>& package, std::optional<int> level,
                                 std::optional<double> error_mm, const std::atomic<bool>* interrupted) {
   const Manifest& m = package->manifest();
-  if (!error_mm || m.domain.isFlat() || m.domain.relief_depth < 0)
+  if (level || m.domain.isFlat() || m.domain.relief_depth < 0)
     return chooseUniform(package, level, error_mm, interrupted);
   auto errors = patchErrors(*package, interrupted);
   if (!errors) return errors.error();
   MeshDetail out;
-  out.patches = patchLevelsWithin(patchNeighbours(*m.base), *errors, *error_mm);
+  out.patches = patchLevelsWithin(patchNeighbours(*m.base), *errors, error_mm.value_or(0));
   out.error_mm = errorOf(out.patches, *errors);
   const auto [least, most] =
       std::minmax_element(out.patches.begin(), out.patches.end(),

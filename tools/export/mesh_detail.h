@@ -24,8 +24,9 @@ struct MeshDetail {
   uint64_t faces(const ExportGrid& grid) const;
   uint64_t vertices(const ExportGrid& grid) const;
 };
-// level: of all patches. Else the fewest cells within error_mm, over a base mesh patch by patch; or full detail.
-// Errors: kUsage of a level that the package does not have, those of ExportGrid::errorBound().
+// level: of all patches. Else the fewest cells within error_mm; without it, full detail. Over a base mesh patch by
+// patch: full detail is then the fewest cells that show all of a patch. Errors: kUsage of a level that the package does
+// not have, those of ExportGrid::errorBound().
 Result<MeshDetail> chooseDetail(const std::shared_ptr<const Package>& package, std::optional<int> level,
                                 std::optional<double> error_mm, const std::atomic<bool>* interrupted);
 // One line for the file. detail: null for the base mesh alone.
