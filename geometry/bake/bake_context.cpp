@@ -2,6 +2,9 @@
 
 #include <cmath>
 
+#include "geometry/mesh/triangle_point.h"
+#include "src/base/parallel_for.h"
+
 namespace relievo {
 
 // Where the corners' normals oppose one another, the interpolated normal gets short, and a height in units of it long:
@@ -37,7 +40,44 @@ BakeContext::BakeContext(const TriMesh& scan, const BaseMesh& over_scan)
   }
 }
 
+uint32_t BakeContext::ownTriangle(uint32_t patch, size_t half) const {
+  const auto& c = base.patches[patch];
+  std::array<glm::dvec3, 3> corners;
+  for (size_t k = 0; k < 3; ++k)
+    corners[k] = cornerPoint(c[std::array{size_t{0}, half ? size_t{2} : size_t{1}, size_t{3}}[k]]).position;
+  const glm::dvec3 across = glm::cross(corners[2] - corners[0], corners[1] - corners[0]);
+  const double area = glm::length(across);
+  if (!(area > 0)) return SurfacePoint::kNone;
+  // Where sheets touch, the one that faces as the patch does. The middle lies within a rounding of its triangle.
+  const Line line{(corners[0] + corners[1] + corners[2]) / 3.0, (half ? -1.0 : 1.0) / area * across, touch_mm,
+                  touch_mm};
+  const SurfacePoint found = scene->nearestOnLine(line, Facing::kAlong);
+  if (!found) return SurfacePoint::kNone;
+  const TriangleCorners t = cornersOf(*mesh, found.triangle);
+  for (const glm::dvec3& corner : corners)
+    if (closestOnTriangle(t, corner).distance > touch_mm) return SurfacePoint::kNone;
+  return found.triangle;
+}
+
+bool BakeContext::findOwnTriangles() {
+  std::vector<std::array<uint32_t, 2>> own(layout.patches);
+  const bool done = parallelFor(layout.patches, workers, interrupted, [&](size_t patch) {
+    for (size_t half = 0; half < 2; ++half) own[patch][half] = ownTriangle(static_cast<uint32_t>(patch), half);
+  });
+  own_triangles = std::move(own);
+  return done;
+}
+
+SurfacePoint BakeContext::pointAt(uint32_t patch, double u, double v) const {
+  const glm::dvec3 at = patchPoint(patch, u, v).position;
+  const uint32_t own = own_triangles.empty() ? SurfacePoint::kNone : own_triangles[patch][v > u];
+  if (own == SurfacePoint::kNone) return scene->closestPoint(at);
+  const TrianglePoint on = closestOnTriangle(cornersOf(*mesh, own), at);
+  return {own, on.b1, on.b2, on.distance};
+}
+
 void BakeContext::beginBatch(LineBatch& batch, uint32_t patch, double u0, double v0, double u1, double v1) const {
+  batch.patch = patch;
   batch.lines.clear();
   batch.raster_lines.clear();
   batch.u0 = u0, batch.v0 = v0, batch.u_scale = 1 / (u1 - u0), batch.v_scale = 1 / (v1 - v0);
@@ -59,6 +99,20 @@ void BakeContext::beginBatch(LineBatch& batch, uint32_t patch, double u0, double
 }
 
 void BakeContext::intersect(LineBatch& batch) const {
+  batch.on_own_triangles = false;
+  if (!own_triangles.empty()) {
+    const auto& own = own_triangles[batch.patch];
+    batch.on_own_triangles = own[0] != SurfacePoint::kNone && own[1] != SurfacePoint::kNone;
+  }
+  if (batch.on_own_triangles) {
+    batch.hits.resize(batch.lines.size());
+    for (size_t i = 0; i < batch.lines.size(); ++i) {
+      const uint32_t triangle = own_triangles[batch.patch][batch.halfOf(i)];
+      const TrianglePoint on = closestOnTriangle(cornersOf(*mesh, triangle), batch.lines[i].at);
+      batch.hits[i] = {triangle, on.b1, on.b2, 0};
+    }
+    return;
+  }
   findHits(batch);
   if (touch_mm > 0)
     for (size_t i = 0; i < batch.hits.size(); ++i) batch.hits[i] = pointAtOrigin(batch.lines[i], batch.hits[i]);

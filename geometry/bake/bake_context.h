@@ -87,6 +87,8 @@ Line lineThrough(const BasePoint& f, double reach);
 
 // The lines of one tile of a patch, which are intersected together.
 struct LineBatch {
+  uint32_t patch = 0;
+  bool on_own_triangles = false;  // hits lie on the patch's own triangles: BakeContext::own_triangles
   std::vector<Line> lines;
   std::vector<RasterLine> raster_lines;
   std::vector<SurfacePoint> hits;
@@ -135,6 +137,9 @@ struct BakeContext {
   std::vector<uint8_t> corner_used;                           // one for each corner: 1 where a patch has it
   std::vector<uint32_t> corner_patch;                         // one for each corner: its first patch
   std::vector<double> corner_reach, side_reach, patch_reach;  // mm: how far lines are searched
+  // Of patches that lie on the scan and are cut, by patch: the triangles that their halves lie on, to the right of the
+  // diagonal and to its left; kNone where there are no such. Empty: not looked for.
+  std::vector<std::array<uint32_t, 2>> own_triangles;
 
   BakeContext(const TriMesh& scan, const BaseMesh& over_scan);
 
@@ -175,6 +180,10 @@ struct BakeContext {
   void beginBatch(LineBatch& batch, uint32_t patch, double u0, double v0, double u1, double v1) const;
   // Fills batch.hits: for each line, the nearest surface whose outside faces along it.
   void intersect(LineBatch& batch) const;
+  // The scan's point that the base shows at (u, v), or else the closest one.
+  SurfacePoint pointAt(uint32_t patch, double u, double v) const;
+  // Sets own_triangles. False: stopped().
+  bool findOwnTriangles();
   bool stopped() const { return interrupted && interrupted->load(std::memory_order_relaxed); }
 
  private:
@@ -184,6 +193,8 @@ struct BakeContext {
     double radius = 0;
   };
   void findHits(LineBatch& batch) const;
+  // The triangle that a half of a patch lies on.
+  uint32_t ownTriangle(uint32_t patch, size_t half) const;
   // The closest point of the scan instead of a hit that is far from it, if `touching` allows it there: next to a sharp
   // edge a line may pass between the triangles' rounded coordinates, or just beside the edge, and meet another part of
   // the scan.

@@ -115,6 +115,7 @@ struct TexelBaker {
 // line through the patch itself is taken, if it meets the scan where the drawn surface is likely to be.
 SurfacePoint TexelBaker::pointOf(const LineBatch& batch, size_t i) const {
   constexpr double kOpposite = -0.5;  // as BakeContext::touchingPoint()
+  if (batch.on_own_triangles) return batch.hits[i];
   const Line& line = batch.lines[i];
   const SurfacePoint found = batch.hits[i] ? batch.hits[i] : context.scene->closestPoint(line.at);
   const TriangleCorners t = cornersOf(*context.mesh, found.triangle);
@@ -263,7 +264,8 @@ bool TexelBaker::sampleSurface(const PatchLines& lines, const SampleGrid& grid, 
       band.row(y)[x] = colourNormalAt(at);
       band.creased(y)[x] = context.normals->isSplit(at.triangle);
     }
-    if (!per_texel && context.normals->hasCreases()) sampleInside(lines, grid, {x0, y0, x1, y1}, batch, band);
+    if (!per_texel && context.normals->hasCreases() && !batch.on_own_triangles)
+      sampleInside(lines, grid, {x0, y0, x1, y1}, batch, band);
     if (x1 == row) use(std::as_const(band));
     return !context.stopped();
   });

@@ -195,6 +195,7 @@ Result<std::unique_ptr<MeshBake>> MeshBake::create(const TriMesh& mesh, std::spa
   if (mesh.triangles.size() / base.patches.size() >= scene.rasterise_from_per_patch)
     impl->context.rasteriser = std::move(scene.rasteriser);
   impl->context.normals = std::move(scene.normals);
+  if (base.cut && options.touch_mm > 0 && !impl->context.findOwnTriangles()) return interruptedError();
   progress(0.3);
 
   auto baked = searchHeights(impl->context, options, impl->report);

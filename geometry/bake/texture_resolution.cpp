@@ -60,7 +60,7 @@ TexelsAcross imageTexelsAcross(const BakeContext& context, const BakeTexture& te
   for (size_t i = 0; i < across.size(); ++i) {
     const double u = (static_cast<double>(i % kPlaces) + 0.5) / kPlaces,
                  v = (static_cast<double>(i / kPlaces) + 0.5) / kPlaces;
-    const SurfacePoint at = context.scene->closestPoint(context.patchPoint(patch, u, v).position);
+    const SurfacePoint at = context.pointAt(patch, u, v);
     creases.add(at.triangle);
     const BakeTexture::Image* image = texture.imageOf(*context.mesh, at.triangle);
     if (!image || image->palette) continue;
@@ -76,8 +76,10 @@ TexelsAcross imageTexelsAcross(const BakeContext& context, const BakeTexture& te
       const double a = glm::dot(along, e), b = glm::dot(along, g);
       return (a * gg - b * eg) / det * texels_e + (b * ee - a * eg) / det * texels_g;
     };
-    const glm::dvec2 along_u = texelsAlong(glm::mix(p[1] - p[0], p[3] - p[2], v)),
-                     along_v = texelsAlong(glm::mix(p[2] - p[0], p[3] - p[1], u));
+    // Of a patch that is cut, the same everywhere on a half.
+    const double at_bottom = context.base.cut ? v > u : v, at_right = context.base.cut ? u >= v : u;
+    const glm::dvec2 along_u = texelsAlong(glm::mix(p[1] - p[0], p[3] - p[2], at_bottom)),
+                     along_v = texelsAlong(glm::mix(p[2] - p[0], p[3] - p[1], at_right));
     across[i] = std::max(glm::length(along_u), glm::length(along_v));
     on_patch += std::abs(along_u.x * along_v.y - along_u.y * along_v.x) / static_cast<double>(across.size());
   }
@@ -94,7 +96,7 @@ bool isPlain(const BakeContext& context, const BakeTexture& texture, uint32_t pa
   for (size_t i = 0; i < kPlaces * kPlaces; ++i) {
     const double u = (static_cast<double>(i % kPlaces) + 0.5) / kPlaces,
                  v = (static_cast<double>(i / kPlaces) + 0.5) / kPlaces;
-    const uint32_t triangle = context.scene->closestPoint(context.patchPoint(patch, u, v).position).triangle;
+    const uint32_t triangle = context.pointAt(patch, u, v).triangle;
     creases.add(triangle);
     const BakeTexture::Image* image = texture.imageOf(*context.mesh, triangle);
     if (image && !image->palette) return false;

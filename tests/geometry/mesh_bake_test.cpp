@@ -677,6 +677,59 @@ TEST(MeshBake, aBaseOfTheScansOwnTrianglesIsTheScan) {
   EXPECT_GT(largest_of_bilinear, 0.1) << "control: the shape no longer shows the difference";
 }
 
+// Each texel shows its place on the patch's own two triangles: colours are a ramp along x and y, of sheets that face
+// both ways at one place, one of them in the other's complement.
+TEST(MeshBake, texelsOfOwnTrianglesAreTheirsWhereSheetsTouch) {
+  TriMesh mesh = sheetMesh(40, 30, 4, 3, [](double x, double y) { return 4 * std::sin(0.7 * x) * std::cos(y); });
+  for (size_t i = 0; i < mesh.positions_mm.size(); ++i) {
+    glm::vec3& p = mesh.positions_mm[i];
+    p = {p.x + 0.02f * p.y * (p.x - 20), p.y * (1 + 0.02f * p.x), p.z};  // no parallelograms
+  }
+  const size_t vertices = mesh.positions_mm.size(), triangles = mesh.triangles.size();
+  for (size_t i = 0; i < vertices; ++i) mesh.positions_mm.push_back(mesh.positions_mm[i]);
+  for (size_t i = 0; i < triangles; ++i) {
+    const Triangle t = mesh.triangles[i];
+    const auto more = static_cast<uint32_t>(vertices);
+    mesh.triangles.push_back({t[0] + more, t[2] + more, t[1] + more});
+  }
+  auto rampAt = [](const glm::dvec3& p) { return glm::dvec3(4 * p.x + 60, -3 * p.y + 60, 2 * p.x - 2 * p.y + 30); };
+  auto surface = makeSurface(mesh.positions_mm, mesh.triangles);
+  ASSERT_TRUE(surface.ok());
+  BaseMesh base = facesBase(*surface, 1000);
+  // Bytes hold the ramp at vertices; the truth between them is what these say.
+  for (size_t i = 0; i < mesh.positions_mm.size(); ++i) {
+    const glm::dvec3 ramp = rampAt(mesh.positions_mm[i]);
+    mesh.colours.push_back(glm::u8vec3(glm::round(i < vertices ? ramp : 255.0 - ramp)));
+  }
+  double other_base = 0;
+  for (const bool cut : {true, false}) {
+    base.cut = cut;
+    const auto baked = bake(mesh, base, {.touch_mm = 1e-4, .texture_depth = 0});
+    ASSERT_TRUE(baked && baked->textureDepth() == 0);
+    std::vector<uint8_t> texels(6 * 128 * 128);
+    for (uint32_t p = 0; p < base.patches.size(); ++p) {
+      ASSERT_TRUE(baked->texels(p, texels));
+      BaseMesh truth = base;
+      truth.cut = true;
+      const bool back = base.patches[p][0] >= vertices && base.patches[p][3] >= vertices;
+      if (std::any_of(base.patches[p].begin(), base.patches[p].end(), [&](uint32_t c) { return c >= 2 * vertices; }))
+        continue;  // a single triangle
+      for (size_t y = 0; y < 128; ++y)
+        for (size_t x = 0; x < 128; ++x) {
+          const glm::dvec3 at = truth.point(p, (static_cast<double>(x) + 0.5) / 128,
+                                            (static_cast<double>(y) + 0.5) / 128),
+                           ramp = back ? 255.0 - rampAt(at) : rampAt(at);
+          for (size_t c = 0; c < 3; ++c) {
+            const double off = std::abs(texels[(c * 128 + y) * 128 + x] - ramp[static_cast<int>(c)]);
+            if (!cut) other_base = std::max(other_base, off);
+            else ASSERT_LE(off, 1.2) << "patch " << p << ", texel " << x << " " << y << ", channel " << c;
+          }
+        }
+    }
+  }
+  EXPECT_GT(other_base, 2) << "control";
+}
+
 // A box as its own base again; steps, of which a sheet beside it needs some, draw it beside the scan. Lines upwards
 // from its bottom and its walls, which lean outwards, meet its top: from behind where the box is thin, far away where
 // it is not. Each patch shows itself all the same.
