@@ -1,7 +1,7 @@
 // base_point.glsl - the base mesh's point, from the eye, and normal, at a place of a patch: bilinear in its corners
-// (src/render/base_corners.h), or linear on both sides of (0, 0)-(1, 1). On a side it is a function of that side's two corners, in the order of their indices,
-// and the place between them alone (CPU reference: geometry/lod/mesh_vertex.h). UNORDERED_ENDS: not so, for a negative
-// control.
+// (src/render/base_corners.h), or linear on both sides of (0, 0)-(1, 1). On a side it is a function of that side's two
+// corners, in the order of their indices, and the place between them alone (CPU reference: geometry/lod/mesh_vertex.h).
+// UNORDERED_ENDS: not so, for a negative control.
 #include "texel_table.glsl"
 
 uniform FLOAT_TABLE u_corners;

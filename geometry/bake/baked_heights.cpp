@@ -139,15 +139,17 @@ void BakedHeights::surface(const BakeContext& context, uint32_t patch, SurfaceGr
   grid(context, patch, out.cells_log2, q);
   const auto& c = context.base.patches[patch];
   const double per_cell = 1.0 / static_cast<double>(row - 1);
-  for (size_t y = 0; context.base.cut && y < row; ++y)
-    for (size_t x = 0; x < row; ++x) {
-      const BasePoint at =
-          context.patchPoint(patch, static_cast<double>(x) * per_cell, static_cast<double>(y) * per_cell);
-      const double height = offset_mm + scale_mm * q[y * row + x];
-      for (int axis = 0; axis < 3; ++axis)
-        out.axes[static_cast<size_t>(axis)][y * row + x] = at.position[axis] + height * at.normal[axis];
-    }
-  if (context.base.cut) return;
+  if (context.base.cut) {
+    for (size_t y = 0; y < row; ++y)
+      for (size_t x = 0; x < row; ++x) {
+        const BasePoint at =
+            context.patchPoint(patch, static_cast<double>(x) * per_cell, static_cast<double>(y) * per_cell);
+        const double height = offset_mm + scale_mm * q[y * row + x];
+        for (int axis = 0; axis < 3; ++axis)
+          out.axes[static_cast<size_t>(axis)][y * row + x] = at.position[axis] + height * at.normal[axis];
+      }
+    return;
+  }
   for (size_t y = 0; y < row; ++y) {
     const double v = static_cast<double>(y) * per_cell;
     const BasePoint left = lerp(context.cornerPoint(c[0]), context.cornerPoint(c[2]), v),

@@ -4,6 +4,7 @@
 #include <cmath>
 #include <limits>
 
+#include "src/artwork/base_mesh.h"
 #include "src/base/simd_dispatch.h"
 
 namespace relievo {
@@ -38,7 +39,20 @@ RELIEVO_SIMD_CLONES void refine(const SurfaceGrid& coarse, SurfaceGrid& fine) no
   }
 }
 
-// The bilinear interpolation of the corners' normals at each vertex, scaled to length 1.
+// The interpolation of the corners' normals at each vertex, scaled to length 1.
+void unitNormalsOnHalves(const std::array<glm::dvec3, 4>& corners, size_t row,
+                         std::array<std::vector<double>, 3>& out) noexcept {
+  const double step = 1.0 / static_cast<double>(row - 1);
+  for (size_t y = 0; y < row; ++y)
+    for (size_t x = 0; x < row; ++x) {
+      const std::array<double, 4> share =
+          cornerShares(true, static_cast<double>(x) * step, static_cast<double>(y) * step);
+      glm::dvec3 normal(0);
+      for (size_t k = 0; k < 4; ++k) normal += share[k] * corners[k];
+      const double squared = glm::dot(normal, normal), scale = squared > 1e-12 ? 1 / std::sqrt(squared) : 0.0;
+      for (int axis = 0; axis < 3; ++axis) out[static_cast<size_t>(axis)][y * row + x] = normal[axis] * scale;
+    }
+}
 RELIEVO_SIMD_CLONES void unitNormals(const std::array<glm::dvec3, 4>& corners, size_t row,
                                      std::array<std::vector<double>, 3>& out) noexcept {
   const double step = 1.0 / static_cast<double>(row - 1);
@@ -224,9 +238,9 @@ void blocksWithin(const SurfaceGrid& finest, double tolerance, GridErrorScratch&
   }
 }
 
-std::vector<GridErrors> gridErrors(const SurfaceGrid& grid, const BetweenSamples& between,
-                                   const std::array<glm::dvec3, 4>& corner_normals, GridErrorScratch& scratch) {
-  std::vector<GridErrors> errors = gridErrors(grid, corner_normals, scratch);
+std::vector<GridErrors> gridErrors(const SurfaceGrid& grid, const BetweenSamples& between, const PatchNormals& normals,
+                                   GridErrorScratch& scratch) {
+  std::vector<GridErrors> errors = gridErrors(grid, normals, scratch);
   const int from = grid.cells_log2;
   if (from == between.finest_log2) return errors;
   // At a vertex of the finest grid the deviation is a mix of those at the vertices of a cell around it, and what lies
@@ -259,8 +273,7 @@ std::vector<GridErrors> gridErrors(const SurfaceGrid& grid, const BetweenSamples
   return errors;
 }
 
-std::vector<GridErrors> gridErrors(const SurfaceGrid& finest, const std::array<glm::dvec3, 4>& corner_normals,
-                                   GridErrorScratch& scratch) {
+std::vector<GridErrors> gridErrors(const SurfaceGrid& finest, const PatchNormals& normals, GridErrorScratch& scratch) {
   // Both surfaces are linear on the finest grid's triangles, so that they are furthest apart, in any direction, at its
   // vertices.
   const int finest_log2 = finest.cells_log2;
@@ -269,7 +282,7 @@ std::vector<GridErrors> gridErrors(const SurfaceGrid& finest, const std::array<g
   // The coarse grid, subdivided once for each level up to the finest.
   for (int log2 = static_cast<int>(grids.size()); log2 <= finest_log2; ++log2) grids.emplace_back(log2);
   for (auto& axis : scratch.normals) axis.resize(finest.row() * finest.row());
-  unitNormals(corner_normals, finest.row(), scratch.normals);
+  (normals.cut ? unitNormalsOnHalves : unitNormals)(normals.corners, finest.row(), scratch.normals);
   std::vector<Extremes> extremes;
   std::vector<Deviation> current, finer;
   for (int log2 = finest_log2; log2 >= 0; --log2) {

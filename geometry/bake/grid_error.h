@@ -34,6 +34,13 @@ struct GridErrors {
   std::vector<DeviationShape> shapes;  // the direction of the distance, src/artwork/deviation.h
 };
 
+// The base's normals over a patch: those of its corners, not zero, at (u, v) = (0,0), (1,0), (0,1), (1,1), and how they
+// are interpolated (BaseMesh::cut).
+struct PatchNormals {
+  std::array<glm::dvec3, 4> corners;
+  bool cut = false;
+};
+
 // Memory that is reused from patch to patch; its content does not matter.
 struct GridErrorScratch {
   std::vector<SurfaceGrid> grids;              // by cells_log2
@@ -50,15 +57,13 @@ struct GridErrorScratch {
 // The errors of all grids of a patch, indexed by cells_log2 from 0 to finest.cells_log2 (which has errors of 0). Grid k
 // consists of every 2^(finest.cells_log2 - k)-th vertex, its cells cut along (0,0)-(1,1). A block's errors are at least
 // those of the finer grids' blocks inside it.
-// corner_normals: of the base, not zero, at (u, v) = (0,0), (1,0), (0,1), (1,1).
-std::vector<GridErrors> gridErrors(const SurfaceGrid& finest, const std::array<glm::dvec3, 4>& corner_normals,
-                                   GridErrorScratch& scratch);
+std::vector<GridErrors> gridErrors(const SurfaceGrid& finest, const PatchNormals& normals, GridErrorScratch& scratch);
 
 // The same of all grids up to between.finest_log2, found on `grid`, which is one of those that have all samples, in a
 // fraction of the time. Errors exceed those that gridErrors() finds on the finest grid by at most twice
 // between.mm(grid.cells_log2); shapes are wider by that and by between.normalChange(grid.cells_log2).
-std::vector<GridErrors> gridErrors(const SurfaceGrid& grid, const BetweenSamples& between,
-                                   const std::array<glm::dvec3, 4>& corner_normals, GridErrorScratch& scratch);
+std::vector<GridErrors> gridErrors(const SurfaceGrid& grid, const BetweenSamples& between, const PatchNormals& normals,
+                                   GridErrorScratch& scratch);
 
 // Of the same grids' blocks, which have errors of at most `tolerance`: within[cells_log2][block] is 1. In a fraction of
 // gridErrors()'s time. Grids of one cell are left out.

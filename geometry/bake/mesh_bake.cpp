@@ -96,8 +96,8 @@ std::vector<std::vector<GridErrors>> errorsOfPatches(const BakeContext& context,
       patches, context.workers, context.interrupted, [&] { return Scratch{}; },
       [&](Scratch& s, size_t p) {
         const BetweenSamples between = baked.betweenSamples(context, static_cast<uint32_t>(p));
-        std::array<glm::dvec3, 4> normals;
-        for (size_t k = 0; k < 4; ++k) normals[k] = context.base.corners[context.base.patches[p][k]].normal;
+        PatchNormals normals{.corners = {}, .cut = context.base.cut};
+        for (size_t k = 0; k < 4; ++k) normals.corners[k] = context.base.corners[context.base.patches[p][k]].normal;
         auto from = [&](int log2) {
           for (int k = static_cast<int>(s.grids.size()); k <= log2; ++k) s.grids.emplace_back(k);
           SurfaceGrid& grid = s.grids[static_cast<size_t>(log2)];

@@ -12,7 +12,7 @@
 // the picture of a perspective view (x / z, y / z) they lie |(dx, dy) - dz (x, y) / z| / z' <= e sqrt(1 + tan^2 a) / z'
 // apart, a the angle of the one that is in the picture off the axis, z' the other one's depth: exact, not a first
 // order. Both lie in the hull of the square's displaced corners P + h N, h in {min, max}: for one (u, v) S is on the
-// segment between two bilinear patches, either of which lies in the hull of its corners.
+// segment between two patches, bilinear or cut, either of which lies in the hull of its corners.
 #include "geometry/lod/mesh_lod.h"
 
 #include <algorithm>

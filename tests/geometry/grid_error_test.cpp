@@ -31,8 +31,8 @@ SurfaceGrid wavyGrid(int cells_log2, uint32_t seed) {
 }
 
 TEST(BlocksWithin, AreThoseWhoseErrorsAreAtMostTheTolerance) {
-  std::array<glm::dvec3, 4> normals;
-  normals.fill({0, 0, 1});
+  PatchNormals normals;
+  normals.corners.fill({0, 0, 1});
   GridErrorScratch scratch;
   std::vector<std::vector<uint8_t>> within;
   size_t near = 0, far = 0;
@@ -211,8 +211,8 @@ TEST(GridErrorsBetweenSamples, AreAtLeastThoseOfTheFinestGrid) {
   size_t larger = 0, smaller_without = 0;
   for (uint32_t seed = 0; seed < 12; ++seed) {
     const RoughPatch patch(2, 0.5, seed % 2 == 1, seed);
-    std::array<glm::dvec3, 4> normals;
-    for (size_t k = 0; k < 4; ++k) normals[k] = patch.base.corners[k].normal;
+    PatchNormals normals;
+    for (size_t k = 0; k < 4; ++k) normals.corners[k] = patch.base.corners[k].normal;
     SurfaceGrid finest(7), grid(4);
     patch.baked.surface(*patch.context, 0, finest);
     patch.baked.surface(*patch.context, 0, grid);

@@ -310,10 +310,15 @@ TEST(MeshBake, errorsFoundLaterAreTheSame) {
   EXPECT_NE(always->errorsOfGrid(0, 4).mm, exact) << "the control: steps change errors";
 }
 
-TEST(MeshBake, errorsBoundTheDistanceOfCoarserGrids) {
+class MeshBakeOver : public ::testing::TestWithParam<bool> {};  // BaseMesh::cut
+INSTANTIATE_TEST_SUITE_P(Patches, MeshBakeOver, ::testing::Bool(),
+                         [](const auto& test) { return test.param ? "Cut" : "Bilinear"; });
+
+TEST_P(MeshBakeOver, errorsBoundTheDistanceOfCoarserGrids) {
   const TriMesh mesh =
       starMesh([](const glm::dvec3& d) { return 10 + 0.4 * std::sin(17 * d.x) * std::cos(15 * d.y + 3 * d.z); }, 60);
-  const BaseMesh base = sphereBase(10, 1);
+  BaseMesh base = sphereBase(10, 1);
+  base.cut = GetParam();
   auto baked = bake(mesh, base, {.cells_log2 = 8});
   ASSERT_TRUE(baked);
   ASSERT_TRUE(baked->setStep(40 * baked->reliefScaleMm()));  // of what is written, not of what was baked
