@@ -319,6 +319,9 @@ TEST_P(MeshBakeOver, errorsBoundTheDistanceOfCoarserGrids) {
       starMesh([](const glm::dvec3& d) { return 10 + 0.4 * std::sin(17 * d.x) * std::cos(15 * d.y + 3 * d.z); }, 60);
   BaseMesh base = sphereBase(10, 1);
   base.cut = GetParam();
+  // Cut and bilinear normals differ only where those of opposite corners have different sums.
+  for (size_t k = 0; base.cut && k < base.corners.size(); k += 3)
+    base.corners[k].normal = glm::normalize(base.corners[k].normal + glm::vec3(0.3f, -0.2f, 0.3f));
   auto baked = bake(mesh, base, {.cells_log2 = 8});
   ASSERT_TRUE(baked);
   ASSERT_TRUE(baked->setStep(40 * baked->reliefScaleMm()));  // of what is written, not of what was baked
@@ -921,6 +924,38 @@ TEST(MeshBake, coloursHaveNoStepsBetweenBandsOfRows) {
       }
     }
   }
+}
+
+// A texel for each sample, over a patch that is cut and no parallelogram: each shows its place on one of the halves.
+TEST(MeshBake, texelsOfCutPatchesLieOnTheirHalves) {
+  constexpr int kCells = 60;
+  TriMesh mesh = sheetMesh(10, 10, kCells, kCells, [](double, double) { return 0.0; });
+  for (int j = 0; j <= kCells; ++j)
+    for (int i = 0; i <= kCells; ++i) mesh.colours.push_back(glm::u8vec3(4 * j, 240 - 4 * j, 4 * i));
+  BaseMesh base = sheetBase(10, 10, 1, 1);
+  base.corners[base.patches[0][3]].position_mm = {6, -8, 0};
+  base.cut = true;
+  const auto baked = bake(mesh, base, {.cells_log2 = 4, .texture_depth = 1});
+  ASSERT_TRUE(baked);
+  constexpr size_t kTexels = 2 * kPagePx;
+  std::vector<uint8_t> out(6 * kTexels * kTexels);
+  ASSERT_TRUE(baked->texels(0, out));
+  BaseMesh bilinear = base;
+  bilinear.cut = false;
+  double largest = 0, of_bilinear = 0;
+  for (size_t y = 0; y < kTexels; ++y)
+    for (size_t x = 0; x < kTexels; ++x)
+      for (const BaseMesh* of : {&base, &bilinear}) {
+        const glm::dvec3 p =
+            of->point(0, (static_cast<double>(x) + 0.5) / kTexels, (static_cast<double>(y) + 0.5) / kTexels);
+        const std::array<double, 3> ramp{-24 * p.y, 240 + 24 * p.y, 24 * p.x};
+        for (size_t c = 0; c < 3; ++c) {
+          double& most = of == &base ? largest : of_bilinear;
+          most = std::max(most, std::abs(out[(c * kTexels + y) * kTexels + x] - ramp[c]));
+        }
+      }
+  EXPECT_LT(largest, 0.6);
+  EXPECT_GT(of_bilinear, 5) << "control";
 }
 
 // A roof over a patch, its ridge between two of the samples that normals are interpolated from, and two patches that
