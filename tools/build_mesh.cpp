@@ -164,6 +164,12 @@ class MeshBuild {
   Result<void> bakeUntilKept();
   // After steps were chosen: what is told of the bake, and the errors of its coarser grids.
   Result<void> finishBake();
+  // A scan of few triangles is its own base (mostFacesAtOnce()); false: it is not.
+  Result<bool> useFewFacesAtOnce();
+  // How many times the default one the tolerance is.
+  double toleranceOverDefault() const {
+    return target().p99_9_mm / FidelityTarget::of(diagonalOf(loaded_.mesh)).p99_9_mm;
+  }
   // Another kind of base takes the place of a first one that is hopeless (first_base.h), if there is any.
   Result<void> replaceHopelessBase();
   // Makes more patches everywhere, as long as there is such a base and a few lines over the last one show that it
@@ -393,7 +399,10 @@ Result<Fidelity> MeshBuild::measureRound() {
 Result<void> MeshBuild::bakeUntilKept() {
   std::unique_ptr<MeshBake> best;
   BaseMesh best_base;
-  if (auto done = replaceHopelessBase(); !done) return done;
+  const Result<bool> own = useFewFacesAtOnce();
+  if (!own) return own.error();
+  if (!*own)
+    if (auto done = replaceHopelessBase(); !done) return done;
   BaseKind best_kind = base_kind_;
   for (;;) {
     if (auto done = growUntilInReach(); !done) return done;
@@ -515,16 +524,15 @@ Result<bool> MeshBuild::useMorePatches() {
       [&](uint32_t) { return useSimplified({}); });
 }
 
-Result<void> MeshBuild::replaceHopelessBase() {
-  const double of_default = target().p99_9_mm / FidelityTarget::of(diagonalOf(loaded_.mesh)).p99_9_mm;
+Result<bool> MeshBuild::useFewFacesAtOnce() {
   // A coarse copy is asked for: patches that are larger than triangles take fewer bytes.
-  const bool coarser = of_default > 1;
-  if (a_.patches == 0 && !coarser) {
-    const Result<bool> own = useFaces(mostFacesAtOnce(textured_.format.basis != Basis::kAlbedoNormal));
-    if (!own) return own.error();
-    if (*own) return {};
-  }
-  if (a_.patches > 0 || !isHopeless(base_.patches.size(), domain_->lostArea(), of_default)) return {};
+  const bool coarser = toleranceOverDefault() > 1;
+  if (a_.patches > 0 || coarser) return false;
+  return useFaces(mostFacesAtOnce(textured_.format.basis != Basis::kAlbedoNormal));
+}
+
+Result<void> MeshBuild::replaceHopelessBase() {
+  if (a_.patches > 0 || !isHopeless(base_.patches.size(), domain_->lostArea(), toleranceOverDefault())) return {};
   const Result<bool> replaced = replaceFirstBase(
       mostFacesFirst(creased()), [&](uint32_t max_patches) { return useFaces(max_patches); },
       [&] { return useSimplified({}); });

@@ -47,7 +47,7 @@ struct BakeOptions {
   // It costs a search of the closest point for lines that meet the scan far from the base.
   Touching touching = Touching::kIgnored;
   // Heights are 0 where the scan is within this distance of the base, whichever way it faces there. For bases that lie
-  // on the scan.
+  // on the scan. Where such a base is cut, heights and texels are those of the triangles that its halves lie on.
   double touch_mm = 0;
   // False: errorsOfGrid(), errorOfGrid() and errorUnitMm() are known once findErrors() was called. For bakes that are
   // measured, and may be dropped.

@@ -272,8 +272,7 @@ std::string jsonText(const ExportGrid& grid, const MapExportOptions& o, const Ma
   json["formula"] =
       "patch p, vertex (i, j), 0 <= i, j <= cells, u = i / cells, v = j / cells: texel ((p % columns) * tile + i, "
       "floor(p / columns) * tile + j) of the image, its top row first; P(u, v) and D(u, v) from the corners' positions "
-      "and "
-      "directions, patches naming corners at (u, v) = (0,0), (1,0), (0,1), (1,1), by weights (1-u)(1-v), u(1-v), "
+      "and directions, patches naming corners at (u, v) = (0,0), (1,0), (0,1), (1,1), by weights (1-u)(1-v), u(1-v), "
       "(1-u)v, uv if inside is bilinear, and 1-max(u,v), u-min(u,v), v-min(u,v), min(u,v) if it is triangles; surface "
       "= origin + P + height * D";
   json["inside"] = base.cut ? "triangles" : "bilinear";
