@@ -3,21 +3,11 @@
 #include <algorithm>
 #include <cmath>
 #include <cstdint>
-#include <numbers>
 
 #include "geometry/mesh/triangle_blocks.h"
 #include "src/base/parallel_for.h"
 
 namespace relievo {
-
-float angleOf(float y, float x) {
-  const float wide = std::abs(x), t = std::min(wide, y) / std::max(wide, y), s = t * t;
-  const float small_angle =
-      t *
-      (0.99997726f + s * (-0.33262347f + s * (0.19354346f + s * (-0.11643287f + s * (0.05265332f - s * 0.01172120f)))));
-  const float first = y > wide ? std::numbers::pi_v<float> / 2 - small_angle : small_angle;
-  return x < 0 ? std::numbers::pi_v<float> - first : first;
-}
 
 std::array<glm::vec3, 3> cornerShares(const TriMesh& mesh, const std::array<uint32_t, 3>& t) {
   const std::array<glm::vec3, 3> p{mesh.positions_mm[t[0]], mesh.positions_mm[t[1]], mesh.positions_mm[t[2]]};

@@ -12,12 +12,9 @@
 #include <glm/glm.hpp>
 
 #include "geometry/mesh/tri_mesh.h"
+#include "src/base/angle_of.h"
 
 namespace relievo {
-
-// The angle of the vector (x, y), y not below 0 and not both 0, with an error below 2e-6, in a tenth of the time of
-// std::atan2, and the same on all machines.
-float angleOf(float y, float x);
 
 // A triangle's contributions to the normals of its corners, its normal times its angle there: nothing if it has no
 // area.

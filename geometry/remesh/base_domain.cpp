@@ -693,7 +693,7 @@ Result<BaseMesh> BaseDomain::faces(uint32_t max_patches) const {
   if (d.mesh.triangles.size() > 2 * size_t{max_patches}) return too_many;
   auto surface = makeSurface(d.mesh.positions_mm, d.mesh.triangles);
   if (!surface) return surface.error();
-  BaseMesh base = facesBase(*surface, max_patches);
+  BaseMesh base = facesBase(*surface, max_patches, FaceNormals::kMean);
   if (base.patches.empty()) return too_many;
   return completed(std::move(base), d.mesh.origin_mm);
 }

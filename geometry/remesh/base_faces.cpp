@@ -4,6 +4,8 @@
 #include <array>
 #include <cmath>
 #include <numeric>
+#include <optional>
+#include <span>
 #include <tuple>
 #include <vector>
 
@@ -55,7 +57,7 @@ class FacePairs {
     return count;
   }
 
-  BaseMesh base() const {
+  BaseMesh base(FaceNormals kind) const {
     BaseMesh base;
     base.cut = true;
     for (const glm::vec3& p : s_.points) base.corners.push_back({p, {}});
@@ -77,7 +79,7 @@ class FacePairs {
       }
       base.patches.push_back({middle[side], a, b, c});
     }
-    assignNormals(base, normals_of);
+    assignNormals(base, normals_of, kind);
     return base;
   }
 
@@ -147,10 +149,41 @@ class FacePairs {
     }
   }
 
-  // At a vertex, a direction that the triangles around it face as much as possible: those that face it least get more
-  // weight in each step. In the middle of a side, the mean of its two triangles.
-  void assignNormals(BaseMesh& base, const std::vector<uint32_t>& middles) const {
+  // Weighted by the triangles' angles at the vertex; nothing where one of them hardly faces it.
+  std::optional<glm::dvec3> meanNormal(uint32_t v, std::span<const uint32_t> fan) const {
+    constexpr double kFacing = 0.5;
+    glm::dvec3 sum{0};
+    for (const uint32_t t : fan) {
+      const auto& corners = s_.triangles[t];
+      const auto k = static_cast<uint32_t>(std::find(corners.begin(), corners.end(), v) - corners.begin());
+      sum += normal_[t] * angleBetween(at(t, (k + 1) % 3) - at(t, k), at(t, (k + 2) % 3) - at(t, k));
+    }
+    const glm::dvec3 mean = unit(sum);
+    if (mean == glm::dvec3(0)) return std::nullopt;
+    for (const uint32_t t : fan)
+      if (glm::dot(normal_[t], mean) < kFacing) return std::nullopt;
+    return mean;
+  }
+  // A direction that the triangles face as much as possible: those that face it least get more weight in each step.
+  glm::dvec3 facedNormal(std::span<const uint32_t> fan) const {
     constexpr int kSteps = 24;
+    glm::dvec3 sum{0}, best{0};
+    for (const uint32_t t : fan) sum += normal_[t];
+    double most = -2;
+    for (int step = 1; step <= kSteps; ++step) {
+      const glm::dvec3 direction = unit(sum);
+      double least = 2;
+      uint32_t least_facing = 0;
+      for (const uint32_t t : fan)
+        if (const double facing = glm::dot(normal_[t], direction); facing < least) least = facing, least_facing = t;
+      if (direction == glm::dvec3(0)) break;
+      if (least > most) most = least, best = direction;
+      sum = direction + normal_[least_facing] / static_cast<double>(step + 1);
+    }
+    return best == glm::dvec3(0) ? glm::dvec3(0, 0, 1) : best;
+  }
+  // In the middle of a side, the mean of its two triangles.
+  void assignNormals(BaseMesh& base, const std::vector<uint32_t>& middles, FaceNormals kind) const {
     std::vector<uint32_t> first(s_.points.size() + 1, 0), around(3 * s_.triangles.size());
     for (const Triangle& t : s_.triangles)
       for (uint32_t v : t) ++first[v + 1];
@@ -159,22 +192,10 @@ class FacePairs {
     for (uint32_t t = 0; t < s_.triangles.size(); ++t)
       for (uint32_t v : s_.triangles[t]) around[next[v]++] = t;
     for (uint32_t v = 0; v < s_.points.size(); ++v) {
-      glm::dvec3 sum{0}, best{0};
-      for (uint32_t i = first[v]; i < first[v + 1]; ++i) sum += normal_[around[i]];
-      double most = -2;
-      for (int step = 1; step <= kSteps; ++step) {
-        const glm::dvec3 direction = unit(sum);
-        double least = 2;
-        uint32_t least_facing = 0;
-        for (uint32_t i = first[v]; i < first[v + 1]; ++i) {
-          const double facing = glm::dot(normal_[around[i]], direction);
-          if (facing < least) least = facing, least_facing = around[i];
-        }
-        if (direction == glm::dvec3(0)) break;
-        if (least > most) most = least, best = direction;
-        sum = direction + normal_[least_facing] / static_cast<double>(step + 1);
-      }
-      base.corners[v].normal = glm::vec3(best == glm::dvec3(0) ? glm::dvec3(0, 0, 1) : best);
+      const std::span<const uint32_t> fan(around.data() + first[v], around.data() + first[v + 1]);
+      std::optional<glm::dvec3> normal;
+      if (kind == FaceNormals::kMean) normal = meanNormal(v, fan);
+      base.corners[v].normal = glm::vec3(normal ? *normal : facedNormal(fan));
     }
     for (size_t i = 0; i < middles.size(); ++i) {
       const uint32_t h = middles[i], g = s_.twin[h];
@@ -192,11 +213,11 @@ class FacePairs {
 
 }  // namespace
 
-BaseMesh facesBase(const Surface& surface, uint32_t max_patches) {
+BaseMesh facesBase(const Surface& surface, uint32_t max_patches, FaceNormals normals) {
   if (surface.triangles.size() > 2 * size_t{max_patches}) return {};
   FacePairs pairs(surface);
   for (const double degrees : {20, 45, 80})
-    if (pairs.pair(degrees * kDegree) && pairs.patches() <= max_patches) return pairs.base();
+    if (pairs.pair(degrees * kDegree) && pairs.patches() <= max_patches) return pairs.base(normals);
   return {};
 }
 

@@ -12,8 +12,13 @@
 
 namespace relievo {
 
+// Of corners. kFaced: a direction that all triangles around it face as well as possible, for heights along it. kMean:
+// where they all face it, the mean of their normals, weighted by their angles there, as a surface without heights is
+// shaded; packages tell it from positions.
+enum class FaceNormals : uint8_t { kFaced, kMean };
+
 // Pairs fold by at most 20 degrees, since texels across a crease are many, and by more only where there would be too
 // many patches. Has at most max_patches patches, or none if that is too few.
-BaseMesh facesBase(const Surface& surface, uint32_t max_patches);
+BaseMesh facesBase(const Surface& surface, uint32_t max_patches, FaceNormals normals = FaceNormals::kFaced);
 
 }  // namespace relievo

@@ -37,6 +37,22 @@ class OpenSides {
     if (s.older != kNone) sides_[s.older].newer = s.newer;
     by_ends_.erase(keyOf(s.from, s.to));
   }
+  // The side itself, or if it was closed the oldest of the open ones that are newer; else the newest of all. Whoever
+  // asks only for a side that was open when it was last asked for passes each closed one at most once.
+  uint32_t openFrom(uint32_t side) const {
+    while (side < sides_.size() && !sides_[side].open)
+      side =
+          sides_[side].newer == kNone ? side + 1 : sides_[side].newer;  // of those that were there when it was closed
+    return side < sides_.size() ? side : newest_;
+  }
+  // The newest open side of which the corner is the first; kNone: there is none.
+  uint32_t beginningAt(uint32_t corner) const {
+    const auto at = at_corner_.find(corner);
+    if (at == at_corner_.end()) return kNone;
+    for (size_t n = at->second.size(); n-- > 0;)
+      if (const Side& s = sides_[at->second[n]]; s.open && s.from == corner) return at->second[n];
+    return kNone;
+  }
   // The patch was reached by side i of its loop, which then is the oldest of its sides.
   void take(const std::array<uint32_t, 4>& patch, size_t i) {
     for (size_t k = 4; k > 0; --k) {

@@ -268,6 +268,48 @@ TEST(BaseFaces, PairsThatFoldAreTheScan) {
   EXPECT_GT(besideIt(), 10) << "control";
 }
 
+// The mean of the triangles' normals by their angles, where all of them face it; else what faces all.
+TEST(BaseFaces, MeanNormalsAreThoseOfTriangles) {
+  for (const bool sharp : {false, true}) {
+    TriMesh mesh = ballMesh(6);
+    if (sharp)
+      for (glm::vec3& p : mesh.positions_mm) p.z *= 0.02f;  // at the rim they face up and down
+    auto surface = makeSurface(mesh.positions_mm, mesh.triangles);
+    ASSERT_TRUE(surface.ok());
+    const BaseMesh mean = facesBase(*surface, 4096, FaceNormals::kMean), faced = facesBase(*surface, 4096);
+    ASSERT_EQ(mean.patches, faced.patches);
+    std::vector<glm::dvec3> sum(mean.corners.size(), glm::dvec3(0));
+    std::vector<double> facing(mean.corners.size(), 1);
+    auto forEachCorner = [&](auto&& f) {
+      for (const Triangle& t : surface->triangles)
+        for (size_t k = 0; k < 3; ++k) {
+          const glm::dvec3 p = surface->points[t[k]], a = glm::dvec3(surface->points[t[(k + 1) % 3]]) - p,
+                           b = glm::dvec3(surface->points[t[(k + 2) % 3]]) - p;
+          f(t[k], unit(glm::cross(a, b)), std::acos(glm::dot(unit(a), unit(b))));
+        }
+    };
+    forEachCorner([&](uint32_t v, const glm::dvec3& n, double angle) { sum[v] += n * angle; });
+    forEachCorner(
+        [&](uint32_t v, const glm::dvec3& n, double) { facing[v] = std::min(facing[v], glm::dot(n, unit(sum[v]))); });
+    int means = 0, others = 0, differ = 0;
+    for (size_t v = 0; v < surface->points.size(); ++v) {
+      const glm::dvec3 n = mean.corners[v].normal;
+      differ += glm::length(n - glm::dvec3(faced.corners[v].normal)) > 1e-4;
+      if (facing[v] > 0.51) {
+        ++means;
+        EXPECT_LT(glm::length(n - unit(sum[v])), 1e-5) << v;
+      }
+      if (facing[v] < 0.49) {
+        ++others;
+        EXPECT_EQ(mean.corners[v].normal, faced.corners[v].normal) << v;
+      }
+    }
+    EXPECT_GT(means, 20);
+    EXPECT_GT(differ, 20) << "control: the two kinds are not the same";
+    EXPECT_EQ(others > 20, sharp);
+  }
+}
+
 double distanceTo(const BaseMesh& base, const glm::dvec3& p) {
   double nearest = 1e300;
   for (const BaseCorner& c : base.corners) nearest = std::min(nearest, glm::length(glm::dvec3(c.position_mm) - p));

@@ -35,6 +35,7 @@ struct Contents {
   BaseSection section;
   double step_mm = 0;
   uint32_t patches() const { return static_cast<uint32_t>(section.mesh.patches.size()); }
+  bool cut() const { return section.mesh.cut; }
   BaseSectionEnd end() const {
     return section.texture_depths.empty() ? BaseSectionEnd::kShapes : BaseSectionEnd::kTextureDepths;
   }
@@ -148,6 +149,23 @@ std::vector<NamedMesh> meshes() {
           {"side of four patches", book(4, 4)},
           {"Moebius strip", moebius(9)},
           {"pieces", together(together(sheet(3, 4), moebius(5)), flipped(pole(6), 2))}};
+}
+
+// As facesBase() (geometry/remesh/base_faces.h) leaves them: cut, with the mean normals of the triangles around
+// corners.
+BaseMesh ofTriangles(BaseMesh mesh, float sign = 1) {
+  mesh.cut = true;
+  std::vector<glm::dvec3> sum(mesh.corners.size(), glm::dvec3(0));
+  for (const auto& patch : mesh.patches) {
+    auto at = [&](size_t k) { return glm::dvec3(mesh.corners[patch[k]].position_mm); };
+    for (const auto& t : {std::array<size_t, 3>{0, 1, 3}, {0, 3, 2}})
+      for (size_t k = 0; k < 3; ++k) {
+        const glm::dvec3 p = at(t[k]), a = at(t[(k + 1) % 3]) - p, b = at(t[(k + 2) % 3]) - p, n = glm::cross(a, b);
+        sum[patch[t[k]]] += glm::normalize(n) * std::atan2(glm::length(n), glm::dot(a, b));
+      }
+  }
+  for (size_t c = 0; c < sum.size(); ++c) mesh.corners[c].normal = sign * glm::vec3(glm::normalize(sum[c]));
+  return mesh;
 }
 
 // ---- sections ----
@@ -277,6 +295,17 @@ std::vector<Contents> contents() {
   addErrors("all larger, the finest grid off", {.least_mm = 0.0005, .farther = true, .only_every = 2});
   addErrors("some errors by twist", {.only_every = 3});
   addErrors("errors by a twist that is not known", {}, false);
+  for (const float sign : {1.0f, -1.0f}) {
+    const BaseMesh mesh = ofTriangles(uneven(inSequence(testing_support::cubeSphere(5, 50, kSeed))), sign);
+    const std::string of = sign > 0 ? "normals of triangles" : "normals opposite to triangles'";
+    all.push_back({of, withErrors(over(onLattice(mesh, kStepMm), false), {.only_every = 2}), kStepMm});
+    all.push_back({of + ", off the lattice", over(mesh, false), kStepMm});
+    all.push_back({of + ", of patches that are not cut", over(onLattice(mesh, kStepMm), false), kStepMm});
+    all.back().section.mesh.cut = false;
+    all.push_back({of + ", some of which have no area", over(onLattice(mesh, kStepMm), false), kStepMm});
+    for (uint32_t c : all.back().section.mesh.patches[7])
+      all.back().section.mesh.corners[c].position_mm = glm::vec3(0, 0, static_cast<float>(kStepMm * 5));
+  }
   all.push_back({"shapes of all grids", withShapes(sphere(4, true, true)), kStepMm});
   return all;
 }
@@ -285,17 +314,18 @@ struct Kind {
   const char* name;
   BaseCodeKind kind;
 };
-constexpr std::array kKinds{Kind{"by corners", BaseCodeKind::kByCorners}, Kind{"by sides", BaseCodeKind::kBySides}};
+constexpr std::array kKinds{Kind{"by corners", BaseCodeKind::kByCorners}, Kind{"by sides", BaseCodeKind::kBySides},
+                            Kind{"by the border", BaseCodeKind::kByBorder}};
 
 TEST(BaseCode, IsWithoutLoss) {
   for (const auto& [kind_name, kind] : kKinds) {
     for (const Contents& c : contents()) {
       SCOPED_TRACE(c.name + ", " + kind_name);
       const std::vector<uint8_t> section = encodeBaseSection(c.section),
-                                 code = encodeBaseCode(section, c.step_mm, kind);
+                                 code = encodeBaseCode(section, c.step_mm, kind, c.cut());
       EXPECT_LE(code.size(), mostCodedBaseBytes(section.size()));
       EXPECT_GE(code.size(), kLeastCodedBaseBytes);
-      const auto back = decodeBaseCode(code, c.patches(), c.end(), kind);
+      const auto back = decodeBaseCode(code, c.patches(), c.end(), kind, c.cut());
       ASSERT_TRUE(back.ok()) << back.error().text();
       EXPECT_TRUE(*back == section);
       EXPECT_TRUE(decodeBaseSection(*back, c.patches()).ok());
@@ -377,6 +407,45 @@ TEST(BaseCode, SidesTakeFewerBytesOfPatchesInSequence) {
   EXPECT_GT(in_shuffle, in_sequence + 0.15);
   EXPECT_GT(other_errors, in_sequence + 0.25);
   EXPECT_LT(other_errors, 0.95) << "sides alone say corners in fewer bytes";
+}
+
+// A scan's own triangles, which have no heights. Controls: it is the normals that take fewer bytes, and the errors.
+TEST(BaseCode, TheBorderTakesFewerBytesOfTriangles) {
+  const BaseMesh mesh = onLattice(ofTriangles(uneven(inSequence(testing_support::cubeSphere(20, 50, kSeed)))), kStepMm);
+  auto bytes = [&](BaseMesh of, BaseCodeKind kind, bool cut) {
+    BaseSection s = withoutShares(over(std::move(of), false));
+    for (CoarseErrors& errors : s.coarse_errors) errors.fill(0);
+    for (HeightSlopes& slopes : s.slopes) slopes = {};
+    return static_cast<double>(encodeBaseCode(encodeBaseSection(s), kStepMm, kind, cut).size());
+  };
+  BaseMesh leaning = mesh;
+  std::mt19937 random(kSeed);
+  for (BaseCorner& c : leaning.corners) {
+    auto some = [&] { return 1e-4f * (static_cast<float>(random() % 1000) - 500); };
+    c.normal = glm::normalize(c.normal + glm::vec3(some(), some(), some()));
+  }
+  const double patches = static_cast<double>(mesh.patches.size()), sides = bytes(mesh, BaseCodeKind::kBySides, true),
+               border = bytes(mesh, BaseCodeKind::kByBorder, true);
+  EXPECT_LT(border, 0.75 * sides);
+  EXPECT_GT(bytes(onLattice(leaning, kStepMm), BaseCodeKind::kByBorder, true), border + patches) << "other normals";
+  EXPECT_GT(bytes(mesh, BaseCodeKind::kByBorder, false), border + patches / 8) << "errors 0 where patches twist";
+}
+
+// Rows beside one another, the second half of which meets the first: along a border that is far from where the patches
+// before are. Control: by sides each such corner takes four bytes.
+TEST(BaseCode, CornersOfOtherPartsOfTheBorderTakeFewBytes) {
+  const uint32_t n = 200;
+  BaseMesh rows = sheet(n, 3);
+  std::vector<std::array<uint32_t, 4>> patches;
+  for (const uint32_t row : {0u, 2u, 1u})
+    patches.insert(patches.end(), rows.patches.begin() + row * n, rows.patches.begin() + (row + 1) * n);
+  rows.patches = patches;
+  rows = onLattice(rows, kStepMm);
+  auto bytes = [&](BaseCodeKind kind) {
+    return static_cast<double>(
+        encodeBaseCode(encodeBaseSection(withoutShares(over(rows, false))), kStepMm, kind).size());
+  };
+  EXPECT_LT(bytes(BaseCodeKind::kByBorder), bytes(BaseCodeKind::kBySides) - 3.0 * n);
 }
 
 TEST(BaseCode, DamagedBytesAreSectionsOrErrors) {
@@ -514,18 +583,21 @@ TEST(BaseSequence, WindsAroundASheet) {
 // Throws where a code names what is not there.
 class Reader {
  public:
-  Reader(std::span<const uint8_t> code, uint32_t patches, bool depths, bool by_sides)
+  Reader(std::span<const uint8_t> code, uint32_t patches, bool depths, BaseCodeKind kind, bool cut)
       : corners_(static_cast<uint32_t>(code[0] | code[1] << 8 | code[2] << 16)),
         patches_(patches),
-        by_sides_(by_sides),
+        by_sides_(kind != BaseCodeKind::kByCorners),
+        by_border_(kind == BaseCodeKind::kByBorder),
+        cut_(cut),
         coder_(code.subspan(4)) {
     put(corners_, 4), put(patches, 4);
     for (int i = 0; i < 32; ++i) put(coder_.plain(8), 1);
     places_.resize(corners_);
-    if (by_sides) readQuadsBySides();
+    if (by_border_) readQuadsByBorder();
+    else if (by_sides_) readQuadsBySides();
     else readQuads();
     readCorners();
-    const std::vector<uint8_t> errors = by_sides ? readErrorsByTwist() : readErrors(), blocks = readBlocks();
+    const std::vector<uint8_t> errors = by_sides_ ? readErrorsByTwist() : readErrors(), blocks = readBlocks();
     const std::vector<uint8_t> slopes = words(
         4,
         [&](int k, const std::vector<int>& order, int) {
@@ -628,6 +700,93 @@ class Reader {
     }
   }
 
+  void readQuadsByBorder() {
+    struct Side {
+      uint32_t from, to;
+      int number;
+    };
+    constexpr uint32_t kUnknown = ~uint32_t{0};
+    constexpr std::array<size_t, 4> kLoop{0, 1, 3, 2};
+    std::vector<Side> open;  // the newest last
+    int numbers = 0, met = -1;
+    std::array<int, 2> before{0, 0};  // of the patches before, the last one first
+    auto bit = [&](int decision) {
+      Model &two = models_[{'2', before[1], before[0], decision}], &one = models_[{'1', 0, before[0], decision}];
+      const bool rare = two.seen < 5;
+      const int b = coder_.bit(rare ? one : two);
+      Model& other = rare ? two : one;
+      other.zero += ((b ? 48 : 65488) - other.zero) * (131072 / (2 * other.seen + 3) >> 1) >> 15;
+      other.seen = std::min<int64_t>(other.seen + 1, 90);
+      return b;
+    };
+    auto index = [&] {
+      const uint32_t c = coder_.plain(std::bit_width(corners_));
+      for (const Side& s : open)
+        if (s.from == c) met = s.number;
+      return c;
+    };
+    auto along = [&] {
+      auto at = std::find_if(open.begin(), open.end(), [&](const Side& s) { return s.number >= met; });
+      if (met < 0 || at == open.end()) at = open.end() - 1;
+      met = at->number;
+      const int n = symbol('m', 0, 0, 4);
+      if (n == 15) return index();
+      const auto place = (at - open.begin()) + (n % 2 ? (n + 1) / 2 : -n / 2);
+      const Side& s = open.at(static_cast<size_t>(place));
+      met = s.number;
+      return s.from;
+    };
+    for (uint32_t p = 0; p < patches_; ++p) {
+      std::array<uint32_t, 4> quad;
+      quad.fill(kUnknown);
+      size_t i = 0;
+      int pattern = 0;
+      if (const int s = bit(0) ? symbol('o', 0, 0, 6) : 0; s == 63) {
+        for (uint32_t& c : quad) named(c = modelled('f', 0, 0, 0) ? next_ : index());
+      } else {
+        open.resize(open.size() - static_cast<size_t>(s));
+        const Side newest = open.back();
+        const int high = bit(1), low = bit(2 + high);
+        i = static_cast<size_t>(2 * high + low);
+        const bool backwards = modelled('r', 0, 0, 0);
+        const size_t begin = kLoop[i], end = kLoop[(i + 1) % 4];
+        quad[begin] = backwards ? newest.to : newest.from;
+        quad[end] = backwards ? newest.from : newest.to;
+        int k_known = static_cast<int>(i), kinds = 0;
+        for (size_t k = 0; k < 4; ++k) {
+          if (k != begin && k != end) {
+            const uint32_t beside = quad[(k ^ 1) == begin || (k ^ 1) == end ? k ^ 1 : k ^ 2];
+            uint32_t expected = kUnknown;
+            for (const Side& side : open) {
+              if (side.from != beside && side.to != beside) continue;
+              const uint32_t far = side.from == beside ? side.to : side.from;
+              if (std::find(quad.begin(), quad.end(), far) == quad.end()) expected = far;
+            }
+            const bool known = expected != kUnknown;
+            const int first = 4 + 3 * k_known;
+            int kind = 0;
+            if (known && bit(first)) quad[k] = expected;
+            else if (bit(first + 1 + known)) quad[k] = next_, kind = 1;
+            else quad[k] = along(), kind = 2;
+            kinds = 3 * kinds + kind;
+            k_known = 4 + 3 * static_cast<int>(i) + kind;
+          }
+          named(quad[k]);
+        }
+        pattern = 1 + 9 * static_cast<int>(i) + kinds;
+      }
+      before = {pattern, before[0]};
+      for (size_t n = 4; n > 0; --n) {
+        const Side side{quad[kLoop[(i + n) % 4]], quad[kLoop[(i + n + 1) % 4]], numbers};
+        const auto same = std::find_if(open.begin(), open.end(), [&](const Side& other) {
+          return std::minmax(other.from, other.to) == std::minmax(side.from, side.to);
+        });
+        if (same == open.end()) open.push_back(side), ++numbers;
+        else open.erase(same);
+      }
+    }
+  }
+
   int prediction(const std::vector<int>& k, uint32_t c) const {
     int64_t around = 0, arounds = 0, beside = 0, besides = 0;
     for (uint32_t i : places_[c]) {
@@ -649,10 +808,15 @@ class Reader {
     if (coder_.plain(1)) {
       const uint64_t high = coder_.plain(32);
       const double step = step_ = std::bit_cast<double>(high << 32 | coder_.plain(32));
+      std::vector<int> off(corners_);  // the most, along the axes so far
       for (uint32_t axis = 0; axis < 3; ++axis) {
         std::vector<int> k(corners_);
         for (uint32_t c = 0; c < corners_; ++c) {
-          k[c] = prediction(k, c) + number('p', static_cast<int>(axis), 0);
+          const int like = axis > 0 ? off[c] : c > 0 ? off[c - 1] : 0;
+          const int e = number('p', static_cast<int>(axis),
+                               by_border_ ? static_cast<int>(std::bit_width(static_cast<unsigned>(like))) : 0);
+          off[c] = std::max(off[c], std::abs(e));
+          k[c] = prediction(k, c) + e;
           v[6 * c + axis] = static_cast<float>(k[c] * step);
         }
         positions_.push_back(k);
@@ -663,9 +827,15 @@ class Reader {
     if (coder_.plain(1)) {
       std::array<std::vector<int>, 3> k;
       for (auto& of_axis : k) of_axis.resize(corners_);
+      const int sign = by_border_ && !positions_.empty() ? std::array{0, 1, -1, 0}[coder_.plain(2)] : 0;
       for (uint32_t c = 0; c < corners_; ++c) {
         std::array<int, 3> p{};
-        for (size_t axis = 0; axis < 3; ++axis) p[axis] = prediction(k[axis], c);
+        const glm::dvec3 sum = sign != 0 ? sumOfNormals(c) : glm::dvec3(0);
+        const double long_as = std::sqrt(sum.x * sum.x + sum.y * sum.y + sum.z * sum.z);
+        for (size_t axis = 0; axis < 3; ++axis)
+          p[axis] = long_as > 0
+                        ? static_cast<int>(std::floor(sign * 1024.0 / long_as * sum[static_cast<int>(axis)] + 0.5))
+                        : prediction(k[axis], c);
         size_t m = 0;
         for (size_t axis = 1; axis < 3; ++axis)
           if (std::abs(p[axis]) > std::abs(p[m])) m = axis;
@@ -681,6 +851,35 @@ class Reader {
       plain(3);
     }
     for (float f : v) append(corner_bytes_, std::bit_cast<uint32_t>(f), 4);
+  }
+
+  static float angle(float y, float x) {
+    const float w = std::abs(x), t = std::min(w, y) / std::max(w, y), s = t * t;
+    float a = -0.01172120f;
+    for (const float c : {0.05265332f, -0.11643287f, 0.19354346f, -0.33262347f, 0.99997726f}) a = c + s * a;
+    a = t * a;
+    constexpr float kPi = 3.14159274f;
+    if (y > w) a = kPi / 2 - a;
+    return x < 0 ? kPi - a : a;
+  }
+  glm::dvec3 sumOfNormals(uint32_t c) const {
+    constexpr std::array<uint32_t, 4> kNext{1, 3, 0, 2}, kBefore{2, 0, 3, 1};
+    auto at = [&](uint32_t corner) {
+      return glm::dvec3(positions_[0][corner], positions_[1][corner], positions_[2][corner]);
+    };
+    glm::dvec3 sum(0);
+    for (uint32_t place : places_[c]) {
+      const uint32_t k = place % 4, first = place - k;
+      std::vector<std::array<uint32_t, 2>> triangles{{kNext[k], kBefore[k]}};
+      if (cut_ && (k == 0 || k == 3)) triangles = {{kNext[k], 3 - k}, {3 - k, kBefore[k]}};
+      for (const auto& [i, j] : triangles) {
+        const glm::dvec3 a = at(quads_[first + i]) - at(c), b = at(quads_[first + j]) - at(c);
+        const glm::dvec3 n(a.y * b.z - b.y * a.z, a.z * b.x - b.z * a.x, a.x * b.y - b.x * a.y);
+        const double area = std::sqrt(n.x * n.x + n.y * n.y + n.z * n.z), dot = a.x * b.x + a.y * b.y + a.z * b.z;
+        if (area > 0) sum += n * (double{angle(static_cast<float>(area), static_cast<float>(dot))} / area);
+      }
+    }
+    return sum;
   }
 
   // n numbers a patch, from the last one down or from the first up; from() says the prediction and the models.
@@ -719,7 +918,7 @@ class Reader {
         'e', true);
   }
   double twistOf(uint32_t p) const {
-    if (positions_.empty()) return 0;
+    if (positions_.empty() || (by_border_ && cut_)) return 0;
     double squares = 0;
     for (const auto& of : positions_) {
       auto at = [&](uint32_t k) { return static_cast<double>(of[quads_[4 * p + k]]); };
@@ -830,7 +1029,7 @@ class Reader {
   }
 
   uint32_t corners_, patches_;
-  bool by_sides_;
+  bool by_sides_, by_border_, cut_;
   Coder coder_;
   std::map<std::tuple<char, int, int, int>, Model> models_;
   std::vector<uint32_t> recent_, quads_;
@@ -847,10 +1046,11 @@ TEST(BaseCode, IsAsThePackageFormatSays) {
   for (const auto& [kind_name, kind] : kKinds) {
     for (const Contents& c : contents()) {
       const std::vector<uint8_t> section = encodeBaseSection(c.section),
-                                 code = encodeBaseCode(section, c.step_mm, kind);
-      const Reader reader(code, c.patches(), c.end() == BaseSectionEnd::kTextureDepths, kind == BaseCodeKind::kBySides);
-      EXPECT_TRUE(reader.ended()) << c.name << ", " << kind_name;
-      EXPECT_TRUE(reader.section == section) << c.name << ", " << kind_name;
+                                 code = encodeBaseCode(section, c.step_mm, kind, c.cut());
+      SCOPED_TRACE(c.name + ", " + kind_name);
+      const Reader reader(code, c.patches(), c.end() == BaseSectionEnd::kTextureDepths, kind, c.cut());
+      EXPECT_TRUE(reader.ended());
+      EXPECT_TRUE(reader.section == section);
     }
   }
 }

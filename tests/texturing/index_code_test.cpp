@@ -277,6 +277,7 @@ class CodedIndex : public testing::Test {
     o.output = folder_->file(name);
     o.workers = 2;
     o.coded_index = coded;
+    o.base_by_border = false;
     return buildPatchPackage(Plain(), o).ok();
   }
   template <class F>

@@ -28,11 +28,13 @@ using test::kSanitized;
 constexpr uint64_t kSeed = 17;
 
 Result<BuildReport> build(const std::string& path, const PatchSource& source, int workers = 2,
-                          uint64_t budget = uint64_t{256} << 20, bool compact = true, bool coded_index = true) {
+                          uint64_t budget = uint64_t{256} << 20, bool compact = true, bool coded_index = true,
+                          bool by_border = true) {
   BuildOptions o;
   o.output = path;
   o.compact = compact;
   o.coded_index = coded_index;
+  o.base_by_border = by_border;
   o.workers = workers;
   o.memory_budget_bytes = budget;
   o.tool_version = "test";
@@ -261,7 +263,7 @@ TEST(PatchPackage, otherBasesDeepTreesAndMeshesOfOnePatch) {
       ASSERT_TRUE(build(folder.file("a.relievo"), source, 2, uint64_t{256} << 20, compact).ok());
       auto package = Package::open(folder.file("a.relievo"));
       ASSERT_TRUE(package.ok());
-      EXPECT_EQ(packageVersion((*package)->header()), compact ? 10u : basis > Basis::kAlbedoNormal ? 3u : 2u);
+      EXPECT_EQ(packageVersion((*package)->header()), compact ? 12u : basis > Basis::kAlbedoNormal ? 3u : 2u);
       EXPECT_EQ((*package)->manifest().base->patches, one.patches);
       auto counts = comparePages(**package, source, levelsOf(source), Borders::kNeighbours);
       EXPECT_EQ(counts.texture, 21u * static_cast<unsigned>(source.format().planes()));
@@ -553,12 +555,12 @@ TEST(PatchPackage, keepsTheBaseMeshAndTellsOfTheScan) {
   EXPECT_NEAR(m.domain.mm_per_px * 128, mean, 1e-4 * mean);
   auto json = nlohmann::json::parse((*package)->manifestJson());
   EXPECT_EQ(json["mesh"]["pieces"], 3);
-  EXPECT_EQ(json["version"], 10);
+  EXPECT_EQ(json["version"], 12);
   EXPECT_EQ(json["base"]["corners"], source.base().corners.size());
   EXPECT_EQ(m.sources.at(0).name, "noise, seed 17");
 }
 
-// Patches that are cut are told by version 11, however the index is stored; older storage cannot.
+// Patches that are cut are told from version 11 on, however the index is stored; older storage cannot.
 TEST(PatchPackage, keepsThatPatchesAreCut) {
   BaseMesh cut = cubeSphere(2, 100, kSeed);
   cut.cut = true;
@@ -566,14 +568,15 @@ TEST(PatchPackage, keepsThatPatchesAreCut) {
   ScratchFolder folder;
   const std::string path = folder.file("a.relievo");
   constexpr uint64_t kBudget = uint64_t{256} << 20;
-  for (const bool coded_index : {false, true}) {
-    ASSERT_TRUE(build(path, source, 2, kBudget, true, coded_index).ok());
+  for (const auto& [by_border, coded_index] : {std::pair{false, false}, {false, true}, {true, false}, {true, true}}) {
+    ASSERT_TRUE(build(path, source, 2, kBudget, true, coded_index, by_border).ok());
     auto package = Package::open(path);
     ASSERT_TRUE(package.ok()) << package.error().text();
     EXPECT_EQ(*(*package)->manifest().base, cut);
     EXPECT_EQ((*package)->header().coded_index, coded_index);
+    EXPECT_EQ((*package)->header().base_by_border, by_border);
     const auto json = nlohmann::json::parse((*package)->manifestJson());
-    EXPECT_EQ(json["version"], 11);
+    EXPECT_EQ(json["version"], by_border ? 12 : 11);
     EXPECT_EQ(json["base"]["cut"], true);
     std::vector<uint16_t> samples(kReliefPageSamples), truth(kReliefPageSamples);
     for (uint32_t p = 0; p < cut.patches.size(); ++p) {
@@ -586,23 +589,46 @@ TEST(PatchPackage, keepsThatPatchesAreCut) {
   const auto refused = build(path, source, 2, kBudget, false);
   ASSERT_FALSE(refused.ok());
   EXPECT_NE(refused.error().text().find("need a package of version 11"), std::string::npos) << refused.error().text();
-  // Another kind of interpolation is a later version's.
-  const std::vector<uint8_t> sound = readAll(path);
-  for (const auto& [field, kind, words] : {std::tuple{2076u, 1u, ""},
-                                           {2076u, 2u, "interpolated by kind 1 in version 11, found 2"},
-                                           {2076u, 0u, "interpolated by kind 1 in version 11, found 0"},
-                                           {2072u, 1u, "an index of kind 2"},
-                                           {2072u, 0u, "expected storage of kind 2 in version 11, found 3"}}) {
-    std::vector<uint8_t> other = sound;
-    for (uint8_t* head : {other.data(), other.data() + other.size() - kHeaderBytes}) {
-      storeLittle(head + field, kind);
-      storeLittle(head + kHeaderBytes - 8, static_cast<uint64_t>(XXH3_64bits(head, kHeaderBytes - 8)));
+}
+
+// Another kind of storage is a later version's.
+TEST(PatchPackage, refusesOtherKindsOfStorage) {
+  BaseMesh cut = cubeSphere(2, 100, kSeed);
+  cut.cut = true;
+  const NoisyPatches source(cut, 0, 0, kSeed);
+  ScratchFolder folder;
+  const std::string path = folder.file("a.relievo");
+  struct Field {
+    uint32_t at, kind;
+    std::string words;
+  };
+  for (const bool by_border : {false, true}) {
+    ASSERT_TRUE(build(path, source, 2, uint64_t{256} << 20, true, true, by_border).ok());
+    const std::vector<uint8_t> sound = readAll(path);
+    const std::string version = by_border ? "version 12" : "version 11";
+    std::vector<Field> fields{{2076, 1, ""},
+                              {2076, 2, "interpolated by kind 1 in " + version + ", found 2"},
+                              {2072, 1, "an index of kind 2"}};
+    if (by_border) {
+      fields.push_back({2052, 3, "expected storage of kind 4 in version 12, found 3"});
+      fields.push_back({2052, 5, "expected storage of kind 4 in version 12, found 5"});
+      fields.push_back({2072, 0, "expected tails of kind 1 in version 12, found 2"});
+    } else {
+      fields.push_back({2076, 0, "interpolated by kind 1 in version 11, found 0"});
+      fields.push_back({2072, 0, "expected storage of kind 2 in version 11, found 3"});
     }
-    writeAll(path, other);
-    const auto found = Package::open(path);
-    EXPECT_EQ(found.ok(), std::string(words).empty()) << field << " " << kind;
-    if (!found.ok()) {
-      EXPECT_NE(found.error().text().find(words), std::string::npos) << found.error().text();
+    for (const Field& field : fields) {
+      std::vector<uint8_t> other = sound;
+      for (uint8_t* head : {other.data(), other.data() + other.size() - kHeaderBytes}) {
+        storeLittle(head + field.at, field.kind);
+        storeLittle(head + kHeaderBytes - 8, static_cast<uint64_t>(XXH3_64bits(head, kHeaderBytes - 8)));
+      }
+      writeAll(path, other);
+      const auto found = Package::open(path);
+      EXPECT_EQ(found.ok(), field.words.empty()) << field.at << " " << field.kind;
+      if (!found.ok()) {
+        EXPECT_NE(found.error().text().find(field.words), std::string::npos) << found.error().text();
+      }
     }
   }
 }
@@ -806,8 +832,8 @@ TEST_F(BaseOfPackage, hostileHeaderFieldsAreRefused) {
   EXPECT_NE(refusal(), "");
   setField(96, uint64_t{127});
   EXPECT_NE(refusal(), "");
-  // Version 1 knows no albedo and normal, version 3 no basis by its number, versions 4 to 11 say how they store things,
-  // and version 12 is yet to come.
+  // Version 1 knows no albedo and normal, version 3 no basis by its number, versions 4 to 12 say how they store things,
+  // and version 13 is yet to come.
   EXPECT_NE(withField(8, uint32_t{1}).find("expected basis 0, 1 or 2, found 3"), std::string::npos);
   EXPECT_NE(withField(8, uint32_t{3}).find("expected no number of a basis in version 3, found 3"), std::string::npos);
   EXPECT_NE(withField(8, uint32_t{4}).find("expected storage of kind 1 in version 4, found 0"), std::string::npos);
@@ -817,7 +843,8 @@ TEST_F(BaseOfPackage, hostileHeaderFieldsAreRefused) {
   EXPECT_NE(withField(8, uint32_t{8}).find("expected storage of kind 1 in version 8, found 0"), std::string::npos);
   EXPECT_NE(withField(8, uint32_t{10}).find("expected storage of kind 1 in version 10, found 0"), std::string::npos);
   EXPECT_NE(withField(8, uint32_t{11}).find("expected storage of kind 1 in version 11, found 0"), std::string::npos);
-  EXPECT_NE(withField(8, uint32_t{12}).find("version 1 to 11, found 12"), std::string::npos);
+  EXPECT_NE(withField(8, uint32_t{12}).find("expected storage of kind 1 in version 12, found 0"), std::string::npos);
+  EXPECT_NE(withField(8, uint32_t{13}).find("version 1 to 12, found 13"), std::string::npos);
 }
 
 TEST_F(BaseOfPackage, hostileSectionsAreRefusedByName) {

@@ -269,8 +269,8 @@ TEST(TextureDepths, PackagesLeaveOutWhatShowsAnywayAndNothingElse) {
   const MostlySmooth source(kSeed);
   const auto whole = built(folder.file("whole.relievo"), source, -1),
              package = built(folder.file("a.relievo"), source, kTolerance);
-  EXPECT_EQ(packageVersion(whole->header()), 10u);
-  EXPECT_EQ(packageVersion(package->header()), 10u);
+  EXPECT_EQ(packageVersion(whole->header()), 12u);
+  EXPECT_EQ(packageVersion(package->header()), 12u);
   EXPECT_FALSE(whole->header().texture_depths);
   const PatchDomain& d = package->manifest().domain;
   ASSERT_TRUE(d.textureDepths());
@@ -292,7 +292,7 @@ TEST(TextureDepths, PackagesLeaveOutWhatShowsAnywayAndNothingElse) {
   }
   EXPECT_GE(bare, 12u);
   EXPECT_TRUE(d.hasUntexturedPatch());
-  EXPECT_EQ(nlohmann::json::parse(package->manifestJson())["version"], 10);
+  EXPECT_EQ(nlohmann::json::parse(package->manifestJson())["version"], 12);
   EXPECT_EQ(d.texturedNodeCount(0), d.patchCount() - bare);
 
   if (!test::kSanitized) {
@@ -607,6 +607,7 @@ TEST(TextureDepths, VersionsFourAndFiveHoldTheSameTails) {
     auto without = [&](bool BuildOptions::*coded, const std::string& name) {
       BuildOptions o = optionsOf(folder.file(name), tolerance);
       o.*coded = o.rounded_tails = false;
+      o.base_by_border = coded == &BuildOptions::rounded_tails;
       EXPECT_TRUE(buildPatchPackage(source, o).ok());
       return *Package::open(o.output);
     };
@@ -615,16 +616,21 @@ TEST(TextureDepths, VersionsFourAndFiveHoldTheSameTails) {
                seven = without(&BuildOptions::coded_texels, "seven.relievo"),
                eight = without(&BuildOptions::coded_index, "eight.relievo"),
                nine = without(&BuildOptions::light_patches, "nine.relievo"),
+               ten = without(&BuildOptions::base_by_border, "ten.relievo"),
                now = without(&BuildOptions::rounded_tails, "now.relievo");
     EXPECT_EQ(packageVersion(six->header()), 6u);
     EXPECT_EQ(packageVersion(seven->header()), 7u);
     EXPECT_EQ(packageVersion(eight->header()), 8u);
     EXPECT_EQ(packageVersion(nine->header()), 9u);
+    EXPECT_EQ(packageVersion(ten->header()), 10u);
+    EXPECT_TRUE(*ten->manifest().base == *now->manifest().base);
+    EXPECT_TRUE(ten->manifest().coarse_errors == now->manifest().coarse_errors);
+    EXPECT_TRUE(now->tails(1, nullptr) == ten->tails(1, nullptr));
     EXPECT_EQ(six->tailProblems(), now->tailProblems());
     EXPECT_TRUE(six->manifest().coarse_errors == now->manifest().coarse_errors);
     EXPECT_TRUE(six->manifest().coarse_shapes == now->manifest().coarse_shapes);
     EXPECT_TRUE(*six->manifest().base == *now->manifest().base);
-    EXPECT_EQ(packageVersion(now->header()), 10u);
+    EXPECT_EQ(packageVersion(now->header()), 12u);
     EXPECT_EQ(packageVersion(older->header()), tolerance < 0 ? 4u : 5u);
     EXPECT_EQ(nlohmann::json::parse(older->manifestJson())["version"], tolerance < 0 ? 4 : 5);
     EXPECT_TRUE(now->tailProblems().empty() && older->tailProblems().empty());
@@ -832,11 +838,12 @@ TEST(TextureDepths, AnUnknownKindOfAnySectionIsRefused) {
     uint32_t known;
   };
   for (const auto& [field, what, known] : {Section{2048, "storage", 1},
-                                           {2052, "storage", 3},
+                                           {2052, "storage", 4},
                                            {2064, "tails", 2},
                                            {2068, "texture pages", 1},
                                            {2072, "an index", 2}})
-    for (uint32_t kind : {0u, 1u, 2u, 3u, 4u}) {
+    for (uint32_t kind : {0u, 1u, 2u, 3u, 4u, 5u}) {
+      if (field == 2072 && kind == 0) continue;  // known, beside tails of another kind
       std::vector<uint8_t> bytes = good;
       for (uint8_t* head : {bytes.data(), bytes.data() + bytes.size() - kHeaderBytes}) {
         storeLittle(head + field, kind);
@@ -847,7 +854,7 @@ TEST(TextureDepths, AnUnknownKindOfAnySectionIsRefused) {
       EXPECT_EQ(opened.ok(), kind == known);
       if (opened.ok()) continue;
       EXPECT_EQ(opened.error().kind, ErrorKind::kUnsupported);
-      const std::string words = "expected " + what + " of kind " + std::to_string(known) + " in version 10, found ";
+      const std::string words = "expected " + what + " of kind " + std::to_string(known) + " in version 12, found ";
       EXPECT_NE(opened.error().text().find(words + std::to_string(kind)), std::string::npos) << opened.error().text();
     }
 }
@@ -861,7 +868,7 @@ TEST_F(DepthsOfPackage, hostileFieldsAreRefusedByName) {
   EXPECT_NE(withField(2060, uint32_t{0}), "") << "then all pages would be there";
   expect(withField(2064, uint32_t{0}), "expected tails of kind 1 in version 6, found 0");
   expect(withField(2064, uint32_t{2}), "expected tails of kind 1 in version 6, found 2");
-  expect(withField(8, uint32_t{12}), "expected package version 1 to 11, found 12");
+  expect(withField(8, uint32_t{13}), "expected package version 1 to 12, found 13");
   EXPECT_NE(withField(8, uint32_t{4}), "") << "version 4 has all pages";
   expect(withField(304, uint64_t{0}), "expected the patches' tails in version 6, found none");
   // Other numbers of pages and of the index's bytes, within what any depths could make and beyond.

@@ -6,13 +6,17 @@
 #include <cassert>
 #include <cmath>
 #include <cstring>
+#include <limits>
 #include <memory>
 #include <optional>
 #include <type_traits>
 
-#include "src/artwork/open_sides.h"
+#include <glm/glm.hpp>
+
+#include "src/base/angle_of.h"
 #include "texturing/codec/range_coder.h"
 #include "texturing/codec/relief_levels.h"
+#include "texturing/package/base_quads.h"
 #include "texturing/package/package_layout.h"
 
 namespace relievo {
@@ -61,14 +65,18 @@ class BaseCode {
 
  public:
   // section: read by an encoder, and written by both.
-  BaseCode(Coder& coder, std::span<uint8_t> section, uint32_t corners, uint32_t patches, bool depths, BaseCodeKind kind)
+  BaseCode(Coder& coder, std::span<uint8_t> section, uint32_t corners, uint32_t patches, bool depths, BaseCodeKind kind,
+           bool cut)
       : coder_(coder),
         out_(section.data()),
         corners_(corners),
         patches_(patches),
         depths_(depths),
-        by_sides_(kind == BaseCodeKind::kBySides),
-        at_(corners, patches) {}
+        by_sides_(kind != BaseCodeKind::kByCorners),
+        by_border_(kind == BaseCodeKind::kByBorder),
+        cut_(cut),
+        at_(corners, patches),
+        quads_(coder, section.data() + at_.quads, corners, patches, kind) {}
 
   // step: of the lattice of positions; an encoder's. False: damaged.
   bool run(double step) {
@@ -124,105 +132,14 @@ class BaseCode {
   bool flag(bool v) { return coder_.plain(v, 1) != 0; }
 
   // ---- which corners patches have ----
-  // A corner that comes for the first time is the next one; others are found by how long ago they were named.
-  static constexpr uint32_t kRecent = 62;
-  uint64_t quadAt(uint32_t patch, size_t k) const { return at_.quads + 16 * uint64_t{patch} + 4 * k; }
   bool quads() {
-    OpenSides open;
-    for (uint32_t p = 0; p < patches_; ++p) {
-      size_t reached_by = 0;  // side of the patch's loop
-      bool found = false;
-      if (by_sides_ && !quadAtSide(p, open, found, reached_by)) return false;
-      for (size_t k = 0; k < 4 && !found; ++k)
-        if (!corner(quadAt(p, k), k)) return false;
-      if (by_sides_) open.take(quadOf(p), reached_by);
-    }
-    listUses();
-    return true;
+    const bool sound = quads_.run();
+    if (sound) listUses();
+    return sound;
   }
+  uint64_t quadAt(uint32_t patch, size_t k) const { return at_.quads + 16 * uint64_t{patch} + 4 * k; }
   std::array<uint32_t, 4> quadOf(uint32_t p) const {
     return {wordAt(quadAt(p, 0)), wordAt(quadAt(p, 1)), wordAt(quadAt(p, 2)), wordAt(quadAt(p, 3))};
-  }
-  // False: damaged.
-  bool corner(uint64_t at, size_t k) {
-    uint32_t corner = wordAt(at), rank = 0;
-    if constexpr (kEncodes) {
-      const auto found = std::find(recent_.rbegin(), recent_.rend(), corner);
-      rank = corner == next_           ? 0
-             : found != recent_.rend() ? 1 + static_cast<uint32_t>(found - recent_.rbegin())
-                                       : kRecent + 1;
-    }
-    rank = symbol<6>(rank_[k][last_new_], rank);
-    last_new_ = rank == 0;
-    if (rank == kRecent + 1) corner = coder_.plain(corner, 32);
-    else if (rank == 0) corner = next_;
-    else if (rank > recent_.size()) return false;
-    else corner = recent_[recent_.size() - rank];
-    return named(at, corner);
-  }
-  bool named(uint64_t at, uint32_t corner) {
-    if (corner >= corners_) return false;
-    if (corner == next_) ++next_;
-    storeLittle(out_ + at, corner);
-    if (const auto found = std::find(recent_.begin(), recent_.end(), corner); found != recent_.end())
-      recent_.erase(found);
-    recent_.push_back(corner);
-    if (recent_.size() > kRecent) recent_.erase(recent_.begin());
-    return true;
-  }
-
-  // A patch at the newest open side, or one of few before it, has two corners of that; those before it are closed. The
-  // other two are new, or at the end of another open side, or any. found: it is such a patch. False: damaged.
-  bool quadAtSide(uint32_t p, OpenSides& open, bool& found, size_t& reached_by) {
-    constexpr uint32_t kNoSide = 63;
-    uint32_t skipped = kNoSide;
-    if constexpr (kEncodes) {
-      const auto quad = quadOf(p);
-      uint32_t newest = open.newest();
-      for (uint32_t n = 0; n < kNoSide && newest != OpenSides::kNone && skipped == kNoSide; ++n) {
-        for (size_t i = 0; i < 4; ++i)
-          if (open.between(quad[OpenSides::corner(i)], quad[OpenSides::corner(i + 1)]) == newest)
-            reached_by = i, skipped = n;
-        newest = open[newest].older;
-      }
-    }
-    skipped = symbol<6>(skipped_, skipped);
-    found = skipped != kNoSide;
-    if (!found) return true;
-    for (; skipped > 0 && open.newest() != OpenSides::kNone; --skipped) open.close(open.newest());
-    const uint32_t side = open.newest();
-    if (side == OpenSides::kNone) return false;
-    const uint32_t from = open[side].from, to = open[side].to;
-    reached_by = symbol<2>(reached_by_[last_reached_by_], static_cast<uint32_t>(reached_by));
-    last_reached_by_ = reached_by;
-    const size_t first = OpenSides::corner(reached_by), second = OpenSides::corner(reached_by + 1);
-    // Patches that face alike run along their common side in opposite directions.
-    const bool alike = coder_.bit(alike_, kEncodes && wordAt(quadAt(p, first)) == to);
-    std::array<uint32_t, 4> quad{OpenSides::kNone, OpenSides::kNone, OpenSides::kNone, OpenSides::kNone};
-    quad[first] = alike ? to : from;
-    quad[second] = alike ? from : to;
-    for (size_t k = 0; k < 4; ++k) {
-      if (k == first || k == second) {
-        if (!named(quadAt(p, k), quad[k])) return false;
-        continue;
-      }
-      const uint32_t beside = quad[k == OpenSides::corner(reached_by + 2) ? second : first];
-      const uint32_t expected = open.beyond(beside, quad);
-      if (!cornerBeside(quadAt(p, k), k, expected)) return false;
-      quad[k] = wordAt(quadAt(p, k));
-    }
-    return true;
-  }
-  bool cornerBeside(uint64_t at, size_t k, uint32_t expected) {
-    const bool known = expected != OpenSides::kNone;
-    const uint32_t own = wordAt(at);
-    if (!known || !coder_.bit(expected_[last_expected_], kEncodes && own == expected)) {
-      last_expected_ = known ? 0 : last_expected_;
-      const bool is_new = coder_.bit(new_[known], kEncodes && own == next_);
-      return is_new ? named(at, next_) : corner(at, k);
-    }
-    last_expected_ = 1;
-    return named(at, expected);
   }
   uint32_t cornerOf(uint32_t use) const { return wordAt(at_.quads + 4 * uint64_t{use}); }
   void listUses() {
@@ -279,31 +196,44 @@ class BaseCode {
     const uint64_t high = coder_.plain(static_cast<uint32_t>(bits >> 32), 32);
     bits = high << 32 | coder_.plain(static_cast<uint32_t>(bits), 32);
     step = step_ = std::bit_cast<double>(bits);
+    // What a corner is off along the axes before tells how much it may be off along this one: in bits. Along x it is
+    // what the corner before is off.
+    std::vector<uint8_t> off_by(corners_, 0);
     for (int axis = 0; axis < 3; ++axis) {
       std::vector<int32_t>& values = positions_[static_cast<size_t>(axis)];
       values.resize(corners_);
       for (uint32_t c = 0; c < corners_; ++c) {
         const int32_t from = predicted(values, c);
         const int32_t k = kEncodes ? *onStep(cornerAt(c, axis), step) : 0;
-        values[c] = clamped(from + clamped(signedNumber(position_[static_cast<size_t>(axis)], k - from)));
+        const size_t expected = !by_border_ ? 0 : axis > 0 ? off_by[c] : c > 0 ? off_by[c - 1] : 0;
+        const int32_t off = clamped(signedNumber(position_[static_cast<size_t>(axis)][expected], k - from));
+        off_by[c] = std::max(off_by[c], static_cast<uint8_t>(std::bit_width(static_cast<uint32_t>(std::abs(off)))));
+        values[c] = clamped(from + off);
         storeLittle(out_ + cornerAt(c, axis), static_cast<float>(values[c] * step));
       }
     }
   }
   static int32_t clamped(int32_t k) { return std::clamp(k, -2 * kMostSteps, 2 * kMostSteps); }
 
-  // The largest component, as predicted, follows from the other two, but for its sign and rounding.
+  // How a corner's normal is predicted: from those of corners around it, or from the triangles around it, whose normals
+  // it has, or their opposites.
+  enum class NormalsBy : uint32_t { kCorners, kTriangles, kOpposites };
+  using Steps = std::array<int32_t, 3>;
   void normals() {
     if (!flag(kEncodes && allOnStep(3, 1 / kNormalSteps))) return plainCorners(3);
     std::array<std::vector<int32_t>, 3> values;
     for (auto& v : values) v.resize(corners_);
+    NormalsBy by = NormalsBy::kCorners;
+    if (by_border_ && !positions_[0].empty()) {
+      if constexpr (kEncodes) by = nearestNormals();
+      by = static_cast<NormalsBy>(coder_.plain(static_cast<uint32_t>(by), 2));
+    }
     for (uint32_t c = 0; c < corners_; ++c) {
-      std::array<int32_t, 3> from{};
+      const Steps from = predictedNormal(values, c, by);
       int largest = 0;
-      for (size_t axis = 0; axis < 3; ++axis) {
-        from[axis] = predicted(values[axis], c);
+      for (size_t axis = 1; axis < 3; ++axis)
         if (std::abs(from[axis]) > std::abs(from[static_cast<size_t>(largest)])) largest = static_cast<int>(axis);
-      }
+      // The largest component, as predicted, follows from the other two, but for its sign and rounding.
       double left = kNormalSteps * kNormalSteps;
       for (int i = 1; i <= 3; ++i) {
         const int axis = (largest + i) % 3;
@@ -319,6 +249,61 @@ class BaseCode {
         storeLittle(out_ + cornerAt(c, 3 + axis), static_cast<float>(v / kNormalSteps));
       }
     }
+  }
+  Steps predictedNormal(const std::array<std::vector<int32_t>, 3>& values, uint32_t c, NormalsBy by) const {
+    if (by != NormalsBy::kCorners) {
+      const glm::dvec3 sum = normalOfTriangles(c);
+      if (const double length = glm::length(sum); length > 0) {
+        const double steps = (by == NormalsBy::kTriangles ? kNormalSteps : -kNormalSteps) / length;
+        return {nearest(steps * sum.x), nearest(steps * sum.y), nearest(steps * sum.z)};
+      }
+    }
+    return {predicted(values[0], c), predicted(values[1], c), predicted(values[2], c)};
+  }
+  static int32_t nearest(double v) { return static_cast<int32_t>(std::floor(v + 0.5)); }
+  // The sum of their normals, weighted by their angles at the corner. A patch that is cut has two triangles, and else
+  // one at each corner.
+  glm::dvec3 normalOfTriangles(uint32_t c) const {
+    glm::dvec3 sum(0);
+    auto add = [&](const std::array<uint32_t, 4>& quad, size_t at, size_t next, size_t last) {
+      const glm::dvec3 p = pointOf(quad[at]), a = pointOf(quad[next]) - p, b = pointOf(quad[last]) - p,
+                       n = glm::cross(a, b);
+      const double area = glm::length(n);
+      if (area > 0) sum += n * (double{angleOf(static_cast<float>(area), static_cast<float>(glm::dot(a, b)))} / area);
+    };
+    for (uint32_t i = first_[c]; i < first_[c + 1]; ++i) {
+      const auto quad = quadOf(uses_[i] / 4);
+      const size_t k = uses_[i] % 4, next = kAfter[k], last = kAfter[3 - k];
+      const bool on_diagonal = k == 0 || k == 3;
+      if (!cut_ || !on_diagonal) {
+        add(quad, k, next, last);
+      } else {
+        add(quad, k, next, 3 - k);
+        add(quad, k, 3 - k, last);
+      }
+    }
+    return sum;
+  }
+  static constexpr std::array<size_t, 4> kAfter{1, 3, 0, 2};  // in a patch's loop
+  glm::dvec3 pointOf(uint32_t c) const { return {positions_[0][c], positions_[1][c], positions_[2][c]}; }
+  // That which leaves the fewest bits.
+  NormalsBy nearestNormals() const {
+    std::array<std::vector<int32_t>, 3> values;
+    for (size_t axis = 0; axis < 3; ++axis)
+      for (uint32_t c = 0; c < corners_; ++c)
+        values[axis].push_back(*onStep(cornerAt(c, 3 + static_cast<int>(axis)), 1 / kNormalSteps));
+    NormalsBy best = NormalsBy::kCorners;
+    uint64_t fewest = std::numeric_limits<uint64_t>::max();
+    for (const NormalsBy by : {NormalsBy::kCorners, NormalsBy::kTriangles, NormalsBy::kOpposites}) {
+      uint64_t bits = 0;
+      for (uint32_t c = 0; c < corners_; ++c) {
+        const Steps from = predictedNormal(values, c, by);
+        for (size_t axis = 0; axis < 3; ++axis)
+          bits += static_cast<uint64_t>(std::bit_width(static_cast<uint32_t>(std::abs(values[axis][c] - from[axis]))));
+      }
+      if (bits < fewest) best = by, fewest = bits;
+    }
+    return best;
   }
 
   // ---- bounds ----
@@ -399,7 +384,7 @@ class BaseCode {
   }
   // A quarter of it; 0 where positions are not on steps. Exact but for the root and the step.
   double twistOf(uint32_t p) const {
-    if (positions_[0].empty()) return 0;
+    if (positions_[0].empty() || (by_border_ && cut_)) return 0;
     int64_t squares = 0;
     for (const auto& of : positions_) {
       const auto quad = quadOf(p);
@@ -528,21 +513,15 @@ class BaseCode {
   Coder& coder_;
   uint8_t* out_;
   uint32_t corners_, patches_;
-  const bool depths_, by_sides_;
+  const bool depths_, by_sides_, by_border_, cut_;
   bool damaged_ = false;
   Places at_;
+  QuadCode<Coder> quads_;
   double step_ = 0;
   std::array<std::vector<int32_t>, 3> positions_;  // in steps
-  std::vector<uint32_t> recent_;                   // corners, the latest last
-  uint32_t next_ = 0;
-  std::vector<uint32_t> first_, uses_;  // uses_[first_[c]] .. : the places, four a patch, that name corner c
-  std::array<std::array<std::array<BitModel, 64>, 2>, 4> rank_;
-  size_t last_new_ = 0;
-  std::array<BitModel, 64> skipped_;
-  std::array<std::array<BitModel, 4>, 4> reached_by_;
-  size_t last_reached_by_ = 0, last_expected_ = 0;
-  BitModel alike_, expected_[2], new_[2];
-  std::array<NumberModels, 3> position_;
+  std::vector<uint32_t> first_, uses_;             // uses_[first_[c]] .. : the places, four a patch, that name corner c
+  static constexpr size_t kOffBy = std::bit_width(2u * kMostSteps) + 1;
+  std::array<std::array<NumberModels, kOffBy>, 3> position_;
   std::array<NumberModels, 2> normal_;
   std::array<std::array<NumberModels, 5>, kErrors> error_;
   std::array<std::array<std::array<NumberModels, kFar + 2>, 2>, kErrors> error_by_twist_;
@@ -560,7 +539,7 @@ class BaseCode {
 }  // namespace
 }  // namespace base_code
 
-std::vector<uint8_t> encodeBaseCode(std::span<const uint8_t> section, double step_mm, BaseCodeKind kind) {
+std::vector<uint8_t> encodeBaseCode(std::span<const uint8_t> section, double step_mm, BaseCodeKind kind, bool cut) {
   const auto corners = loadLittle<uint32_t>(section.data()), patches = loadLittle<uint32_t>(section.data() + 4);
   const bool depths = section.size() != baseSectionBytes(corners, patches);
   assert(!depths || section.size() == baseSectionBytes(corners, patches, BaseSectionEnd::kTextureDepths));
@@ -568,14 +547,14 @@ std::vector<uint8_t> encodeBaseCode(std::span<const uint8_t> section, double ste
   storeLittle(out.data(), corners);
   base_code::EncodingCoder coder{RangeEncoder(out)};
   const auto code =
-      std::make_unique<base_code::BaseCode<base_code::EncodingCoder>>(coder, copy, corners, patches, depths, kind);
+      std::make_unique<base_code::BaseCode<base_code::EncodingCoder>>(coder, copy, corners, patches, depths, kind, cut);
   code->run(step_mm);
   coder.rc.finish();
   return out;
 }
 
 Result<std::vector<uint8_t>> decodeBaseCode(std::span<const uint8_t> code, uint32_t patches, BaseSectionEnd end,
-                                            BaseCodeKind kind) {
+                                            BaseCodeKind kind, bool cut) {
   assert(end >= BaseSectionEnd::kShapes);
   if (code.size() < kLeastCodedBaseBytes)
     return damagedBaseMesh("expected at least 8 bytes, found " + std::to_string(code.size()));
@@ -586,7 +565,7 @@ Result<std::vector<uint8_t>> decodeBaseCode(std::span<const uint8_t> code, uint3
   storeLittle(section.data() + 4, patches);
   base_code::DecodingCoder coder{RangeDecoder(code.subspan(4))};
   const auto decoder = std::make_unique<base_code::BaseCode<base_code::DecodingCoder>>(
-      coder, section, corners, patches, end == BaseSectionEnd::kTextureDepths, kind);
+      coder, section, corners, patches, end == BaseSectionEnd::kTextureDepths, kind, cut);
   if (!decoder->run(0) || !coder.rc.whole()) return damagedBaseMesh("its code is not one of so many patches");
   return section;
 }
@@ -595,9 +574,8 @@ Result<BaseSection> readBaseSection(const PackageHeader& header, std::span<const
   const uint32_t patches = header.domain.patchCount();
   if (!header.compact) return decodeBaseSection(stored, patches);
   const BaseSectionEnd end = header.texture_depths ? BaseSectionEnd::kTextureDepths : BaseSectionEnd::kShapes;
-  const BaseCodeKind kind = header.light_patches ? BaseCodeKind::kBySides : BaseCodeKind::kByCorners;
-  auto section =
-      header.coded_base ? decodeBaseCode(stored, patches, end, kind) : unpackBaseSection(stored, patches, end);
+  auto section = header.coded_base ? decodeBaseCode(stored, patches, end, header.baseCodeKind(), header.cut_patches)
+                                   : unpackBaseSection(stored, patches, end);
   if (!section) return section.error();
   auto decoded = decodeBaseSection(*section, patches);
   if (decoded) return decoded;

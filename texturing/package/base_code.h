@@ -10,6 +10,7 @@
 
 #include "src/base/result.h"
 #include "texturing/package/package_base.h"
+#include "texturing/package/package_layout.h"
 
 namespace relievo {
 
@@ -17,20 +18,16 @@ inline constexpr uint64_t kLeastCodedBaseBytes = 8;
 // Of a section that does not get smaller.
 constexpr uint64_t mostCodedBaseBytes(uint64_t section_bytes) { return 2 * section_bytes + 64; }
 
-// How patches' corners and errors are found: each corner by how long ago it was named, from version 7 on; from version
-// 10 on by the sides where patches meet, and errors by what the corners say.
-enum class BaseCodeKind : uint8_t { kByCorners, kBySides };
-
 // section: one that encodeBaseSection() made, with shapes, or texture depths behind them. step_mm: of the lattice that
 // positions lie on (onLattice(), src/artwork/base_mesh.h), 0: none. Corners off the lattice take 24 bytes.
-std::vector<uint8_t> encodeBaseCode(std::span<const uint8_t> section, double step_mm, BaseCodeKind kind);
+std::vector<uint8_t> encodeBaseCode(std::span<const uint8_t> section, double step_mm, BaseCodeKind kind,
+                                    bool cut = false);
 // Safe for untrusted bytes: allocates no more than the largest section of so many patches has, and lists of their sides
 // of a third of that. The error's file is empty.
 Result<std::vector<uint8_t>> decodeBaseCode(std::span<const uint8_t> code, uint32_t patches, BaseSectionEnd end,
-                                            BaseCodeKind kind);
+                                            BaseCodeKind kind, bool cut = false);
 
 // A base mesh's section as the package that the header belongs to has it.
-struct PackageHeader;
 Result<BaseSection> readBaseSection(const PackageHeader& header, std::span<const uint8_t> stored);
 
 }  // namespace relievo

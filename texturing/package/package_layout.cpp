@@ -84,20 +84,20 @@ constexpr int kOldPlanes = 8;
 constexpr size_t kOldCoefficients = 6, kOldScales = 144, kOldBiases = 192, kOldCodecs = 240, kOldParameters = 248;
 constexpr uint32_t kDescribedBasis = 0xFFFFFFFFu;  // instead of its number
 // From version 4 on: how relief pages, the base mesh and the tree of errors by block are stored, 1 each; from version 7
-// on the base mesh 2, from version 10 on 3.
+// on the base mesh 2, from version 10 on 3, from version 12 on 4.
 constexpr std::array<size_t, 3> kCompactFields{2048, 2052, 2056};
 constexpr size_t kBaseField = 2052;
-uint32_t baseKind(const PackageHeader& h) { return h.light_patches ? 3 : h.coded_base ? 2 : 1; }
+uint32_t baseKind(const PackageHeader& h) { return h.base_by_border ? 4 : h.light_patches ? 3 : h.coded_base ? 2 : 1; }
 // Version 5: how texture levels that patches do not have are left out, 1. Version 4: 0; from version 6 on: either.
 constexpr size_t kTextureDepthsField = 2060;
 // From version 6 on: how tails are stored, 1, from version 10 on 2. Before: 0.
 constexpr size_t kTailsField = 2064;
 // From version 8 on: how texture pages may be stored beside what encodings say, 1. Before: 0.
 constexpr size_t kTexelsField = 2068;
-// From version 9 on: how the index is stored, 1, from version 10 on 2; in version 11 2, or 0 as in version 8. Before:
-// 0.
+// From version 9 on: how the index is stored, 1, from version 10 on 2; from version 11 on 2, or 0 as in version 8.
+// Before: 0.
 constexpr size_t kIndexField = 2072;
-// From version 11 on: how the base mesh is interpolated, 1: on halves. Before: 0.
+// From version 11 on: how the base mesh is interpolated, 1: on halves; in version 12 also 0: not so. Before: 0.
 constexpr size_t kCutField = 2076;
 constexpr size_t kBasisName = 320, kBasisNameBytes = 32, kBasisCounts = 352, kBasisEncodings = 368, kBasisScales = 432;
 static_assert(kBasisEncodings + 2 * kMaxTexturePlanes <= kBasisScales);
@@ -425,9 +425,9 @@ class HeaderDecoder {
                    "make one with `relievo build`", 0};
     }
     version_ = at<uint32_t>(8);
-    if (version_ < 1 || version_ > 11) {
+    if (version_ < 1 || version_ > 12) {
       return Error{ErrorKind::kUnsupported, path_,
-                   "expected package version 1 to 11, found " + std::to_string(version_),
+                   "expected package version 1 to 12, found " + std::to_string(version_),
                    "use a newer relievo, or rebuild the package", 8};
     }
     if (at<uint64_t>(kHeaderBytes - 8) != XXH3_64bits(p_, kHeaderBytes - 8))
@@ -478,9 +478,10 @@ class HeaderDecoder {
     h_.coded_tails = version_ >= 6;
     h_.coded_base = version_ >= 7;
     h_.coded_texels = version_ >= 8;
-    h_.cut_patches = version_ >= 11;
-    h_.light_patches = h_.cut_patches ? at<uint32_t>(kIndexField) != 0 : version_ >= 10;
-    h_.coded_index = h_.cut_patches ? h_.light_patches : version_ >= 9;
+    h_.base_by_border = version_ >= 12;
+    h_.cut_patches = version_ == 11 || (version_ >= 12 && at<uint32_t>(kCutField) != 0);
+    h_.light_patches = version_ >= 11 ? at<uint32_t>(kIndexField) != 0 : version_ >= 10;
+    h_.coded_index = version_ >= 11 ? h_.light_patches : version_ >= 9;
     h_.texture_depths = version_ == 5 || (version_ >= 6 && at<uint32_t>(kTextureDepthsField) != 0);
     if (!h_.compact) return {};
     for (size_t field : kCompactFields)

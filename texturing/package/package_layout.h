@@ -33,6 +33,11 @@ uint8_t byteFromError(uint32_t steps /* at most 65,535 */);
 inline constexpr uint32_t kReliefShapesBytes = 5 * kReliefDetailBytes;
 inline constexpr uint64_t kMaxManifestBytes = uint64_t{16} << 20;
 
+// How patches' corners and errors are found in a coded base mesh (base_code.h): each corner by how long ago it was
+// named, from version 7 on; from version 10 on by the sides where patches meet, and errors by what the corners say;
+// from version 12 on by the border of the patches before, too, and normals by what the corners say.
+enum class BaseCodeKind : uint8_t { kByCorners, kBySides, kByBorder };
+
 struct PackageHeader {
   uint64_t file_bytes = 0;
   uint64_t manifest_offset = kHeaderBytes, manifest_bytes = 0, manifest_hash = 0;
@@ -65,6 +70,11 @@ struct PackageHeader {
   bool light_patches = false;
   // Version 11, one of version 10 or 8 whose base mesh is cut (BaseMesh::cut).
   bool cut_patches = false;
+  // Version 12, one of version 8, 10 or 11 whose base mesh is coded by its border (BaseCodeKind::kByBorder).
+  bool base_by_border = false;
+  BaseCodeKind baseCodeKind() const {
+    return base_by_border ? BaseCodeKind::kByBorder : light_patches ? BaseCodeKind::kBySides : BaseCodeKind::kByCorners;
+  }
   uint32_t detailBytes() const {
     return relief_detail ? kReliefDetailBytes + (relief_shapes ? kReliefShapesBytes : 0) : 0;
   }
@@ -73,11 +83,12 @@ struct PackageHeader {
   // The directory of the patches' tails (0 bytes: there are none): package_tails.h.
   uint64_t tails_offset = 0, tails_bytes = 0, tails_hash = 0;
 };
-// 11 to 4 where it is compact; else 3 where the header describes the basis; else 1, or 2 with a base mesh: packages
+// 12 to 4 where it is compact; else 3 where the header describes the basis; else 1, or 2 with a base mesh: packages
 // of those bases stay what they were.
 inline uint32_t packageVersion(const PackageHeader& h) {
   if (h.compact)
-    return h.cut_patches      ? 11
+    return h.base_by_border   ? 12
+           : h.cut_patches    ? 11
            : h.light_patches  ? 10
            : h.coded_index    ? 9
            : h.coded_texels   ? 8

@@ -177,6 +177,7 @@ Result<PackageHeader> planHeader(const PatchSource& source, const BuildOptions& 
   header.cut_patches = source.base().cut;
   if (header.cut_patches && (!header.coded_texels || header.light_patches != options.coded_index))
     return usage("patches that are cut need a package of version 11");
+  header.base_by_border = header.coded_texels && header.light_patches == options.coded_index && options.base_by_border;
   header.page_count = packageLayout(header.domain, header.texture, 0, 0).page_count;
   header.base_bytes = baseSectionBytes(source.base().corners.size(), header.domain.patchCount());
   return header;
@@ -266,9 +267,7 @@ Result<BuildReport> buildPatchPackage(const PatchSource& source, const BuildOpti
   std::vector<uint8_t> base = encodeBaseSection(
       {source.base(), std::move(context.coarse_errors), std::move(context.coarse_blocks), std::move(context.slopes),
        std::move(context.coarse_shapes), source.errorUnitMm(), std::move(context.texture_depths)});
-  if (header.coded_base)
-    base = encodeBaseCode(base, source.baseStepMm(),
-                          header.light_patches ? BaseCodeKind::kBySides : BaseCodeKind::kByCorners);
+  if (header.coded_base) base = encodeBaseCode(base, source.baseStepMm(), header.baseCodeKind(), header.cut_patches);
   else if (header.compact) base = packBaseSection(base, kBaseZstdLevel);
   const auto manifest = manifestOf(header, source, options);
   if (!manifest) return manifest.error();
