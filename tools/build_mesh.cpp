@@ -185,6 +185,8 @@ class MeshBuild {
   Result<bool> use(BaseKind kind, Result<BaseMesh> base);
   Result<bool> useFaces(uint32_t max_patches);
   double creased();  // the share of the scan's triangles beside a crease
+  bool hasPlanes() const { return textured_.format.basis != Basis::kAlbedoNormal; }
+  uint32_t mostFacesFirst() { return relievo::mostFacesFirst(creased(), toleranceOverDefault(), hasPlanes()); }
   Result<bool> useSimplified(std::span<const RefineRequest> requests);
   // What is left after all of these (moreOf()).
   Result<bool> useMorePatches();
@@ -528,14 +530,13 @@ Result<bool> MeshBuild::useFewFacesAtOnce() {
   // A coarse copy is asked for: patches that are larger than triangles take fewer bytes.
   const bool coarser = toleranceOverDefault() > 1;
   if (a_.patches > 0 || coarser) return false;
-  return useFaces(mostFacesAtOnce(textured_.format.basis != Basis::kAlbedoNormal));
+  return useFaces(mostFacesAtOnce(hasPlanes()));
 }
 
 Result<void> MeshBuild::replaceHopelessBase() {
   if (a_.patches > 0 || !isHopeless(base_.patches.size(), domain_->lostArea(), toleranceOverDefault())) return {};
   const Result<bool> replaced = replaceFirstBase(
-      mostFacesFirst(creased()), [&](uint32_t max_patches) { return useFaces(max_patches); },
-      [&] { return useSimplified({}); });
+      mostFacesFirst(), [&](uint32_t max_patches) { return useFaces(max_patches); }, [&] { return useSimplified({}); });
   if (!replaced) return replaced.error();
   if (*replaced) return {};
   const Result<bool> more = useMorePatches();
@@ -554,7 +555,7 @@ Result<bool> MeshBuild::nextBase(const Fidelity& now, BakeLimit limit, bool bett
   if (base_kind_ == BaseKind::kFaces) return false;  // it is the scan
   if (first && base_kind_ == BaseKind::kEven) {
     // Few triangles may be patches themselves: these show the scan as it is.
-    auto done = useFaces(mostFacesFirst(creased()));
+    auto done = useFaces(mostFacesFirst());
     if (!done || *done) return done;
   }
   std::vector<RefineRequest> requests;

@@ -40,9 +40,10 @@ class OpenSides {
   // The side itself, or if it was closed the oldest of the open ones that are newer; else the newest of all. Whoever
   // asks only for a side that was open when it was last asked for passes each closed one at most once.
   uint32_t openFrom(uint32_t side) const {
-    while (side < sides_.size() && !sides_[side].open)
-      side =
-          sides_[side].newer == kNone ? side + 1 : sides_[side].newer;  // of those that were there when it was closed
+    while (side < sides_.size() && !sides_[side].open) {
+      const uint32_t newer = sides_[side].newer;  // of those that were there when it was closed
+      side = newer == kNone ? side + 1 : newer;
+    }
     return side < sides_.size() ? side : newest_;
   }
   // The newest open side of which the corner is the first; kNone: there is none.

@@ -68,10 +68,18 @@ TEST(FirstBase, FewOwnTrianglesAreTakenAtOnceButUnderABasisOfLight) {
 }
 
 TEST(FirstBase, MoreOwnTrianglesComeFirstWhereMostLieBesideCreases) {
-  EXPECT_EQ(mostFacesFirst(0), 4096u);
-  EXPECT_EQ(mostFacesFirst(0.49), 4096u);
-  EXPECT_EQ(mostFacesFirst(0.5), 12'288u);
-  EXPECT_EQ(mostFacesFirst(1), 12'288u);
+  EXPECT_EQ(mostFacesFirst(0, 1, false), 36'864u);
+  EXPECT_EQ(mostFacesFirst(0.49, 1, false), 36'864u);
+  EXPECT_EQ(mostFacesFirst(0.5, 1, false), 65'536u);
+  EXPECT_EQ(mostFacesFirst(1, 1, false), 65'536u);
+}
+TEST(FirstBase, FewerOwnTrianglesComeFirstWhereOthersTakeFewBytes) {
+  EXPECT_EQ(mostFacesFirst(0, 0.1, false), 36'864u) << "a finer tolerance";
+  EXPECT_EQ(mostFacesFirst(0, 2, false), 36'864u);
+  EXPECT_EQ(mostFacesFirst(0, 4, false), 18'432u);
+  EXPECT_EQ(mostFacesFirst(1, 4, false), 32'768u);
+  EXPECT_EQ(mostFacesFirst(0, 1000, false), 4096u);
+  EXPECT_EQ(mostFacesFirst(1, 1, true), 4096u) << "a basis of light";
 }
 
 TEST(FirstBase, ErrorsEndTheSearch) {
