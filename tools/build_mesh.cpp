@@ -18,6 +18,7 @@
 #include "geometry/bake/mesh_distance.h"
 #include "geometry/bake/simplified_rounds.h"
 #include "geometry/bake/step_choice.h"
+#include "geometry/bake/stretched_triangles.h"
 #include "geometry/mesh/mesh_order.h"
 #include "geometry/remesh/base_domain.h"
 #include "geometry/scan/mesh_read.h"
@@ -184,9 +185,9 @@ class MeshBuild {
   // The next bake's base; false: there is none of this kind.
   Result<bool> use(BaseKind kind, Result<BaseMesh> base);
   Result<bool> useFaces(uint32_t max_patches);
-  double creased();  // the share of the scan's triangles beside a crease
-  bool hasPlanes() const { return textured_.format.basis != Basis::kAlbedoNormal; }
-  uint32_t mostFacesFirst() { return relievo::mostFacesFirst(creased(), toleranceOverDefault(), hasPlanes()); }
+  double creased();                // the share of the scan's triangles beside a crease
+  bool suitsOwnTriangles() const;  // its texture does
+  uint32_t mostFacesFirst() { return relievo::mostFacesFirst(creased(), toleranceOverDefault(), suitsOwnTriangles()); }
   Result<bool> useSimplified(std::span<const RefineRequest> requests);
   // What is left after all of these (moreOf()).
   Result<bool> useMorePatches();
@@ -510,6 +511,14 @@ double MeshBuild::creased() {
   return static_cast<double>(scene->normals->split.size()) / static_cast<double>(loaded_.mesh.triangles.size());
 }
 
+bool MeshBuild::suitsOwnTriangles() const {
+  const TriMesh& scan = loaded_.mesh;
+  const bool coloured =
+      !textured_.images.empty() || std::any_of(scan.colours.begin(), scan.colours.end(),
+                                               [&](const glm::u8vec3& colour) { return colour != scan.colours[0]; });
+  return relievo::suitsOwnTriangles(textured_.format.basis != Basis::kAlbedoNormal, coloured, stretchedShare(scan));
+}
+
 Result<bool> MeshBuild::useFaces(uint32_t max_patches) {
   return use(BaseKind::kFaces, stages_.run("base", [&] { return domain_->faces(max_patches); }));
 }
@@ -530,7 +539,7 @@ Result<bool> MeshBuild::useFewFacesAtOnce() {
   // A coarse copy is asked for: patches that are larger than triangles take fewer bytes.
   const bool coarser = toleranceOverDefault() > 1;
   if (a_.patches > 0 || coarser) return false;
-  return useFaces(mostFacesAtOnce(hasPlanes()));
+  return useFaces(mostFacesAtOnce(suitsOwnTriangles()));
 }
 
 Result<void> MeshBuild::replaceHopelessBase() {

@@ -17,22 +17,32 @@ inline constexpr uint32_t kMostPatches = 4096, kFewFaces = 36'864, kManyFaces = 
 // Where all of that misses, as of scans of many small pieces: simplified triangles, and the scan's own.
 inline constexpr uint32_t kMostSimplified = 131'072, kMostFaces = 131'072;
 
+// Whether a scan's texture suits patches of its own triangles. planes: it is a basis of light, of which every patch has
+// pages. coloured: it has an image, or vertices of several colours. stretched: stretchedShare()
+// (stretched_triangles.h). Of 27 public scans with images those of sculptures, skulls and rooms had 0.03 at most,
+// models of buildings 0.05 to 0.5, whose colours ran along their triangles.
+constexpr bool suitsOwnTriangles(bool planes, bool coloured, double stretched) {
+  constexpr double kMuch = 0.05;
+  return !planes && !(coloured && stretched > kMuch);
+}
+
 // So many patches of the scan's own triangles come before smaller and simplified ones, since they take about as many
 // bytes as kMostPatches of these, a third of the time, and are exact. creased: the share of triangles beside a crease,
 // which simplified patches need pages of normals for: where they are most, more triangles take fewer bytes. Of eleven
 // public scans that smaller patches missed, of 10,000 to 100,000 triangles, own triangles took 0.4 to 1.1 times the
 // bytes of simplified ones up to these numbers, and 1.5 and 1.6 times beyond. of_default: the tolerance, in times of
-// the default one; with a larger one simplified triangles are fewer. planes: the texture is a basis of light, of which
-// every patch has pages.
-constexpr uint32_t mostFacesFirst(double creased, double of_default, bool planes) {
+// the default one; with a larger one simplified triangles are fewer. suits: suitsOwnTriangles().
+constexpr uint32_t mostFacesFirst(double creased, double of_default, bool suits) {
   constexpr double kMostlyCreased = 0.5, kMuchCoarser = 2;
-  if (planes) return kMostPatches;
-  const double most = creased >= kMostlyCreased ? kManyFaces : kFewFaces;
+  constexpr uint32_t kThoughUnsuited = 12'288;
+  const bool mostly = creased >= kMostlyCreased;
+  if (!suits) return mostly ? kThoughUnsuited : kMostPatches;
+  const double most = mostly ? kManyFaces : kFewFaces;
   return std::max(kMostPatches, static_cast<uint32_t>(most * std::min(1.0, kMuchCoarser / of_default)));
 }
 
 // So few of them are not even compared with others: they are the scan, at once, and take no more bytes.
-constexpr uint32_t mostFacesAtOnce(bool planes) { return planes ? 0 : kMostPatches; }
+constexpr uint32_t mostFacesAtOnce(bool suits) { return suits ? kMostPatches : 0; }
 
 // Of the lattice that corners of base meshes are moved to before they are baked (onLattice()): packages need few bytes
 // for them, and heights make up for it. The finest one is for bases that have hardly any heights.
