@@ -46,13 +46,11 @@ class OpenSides {
     }
     return side < sides_.size() ? side : newest_;
   }
-  // The newest open side of which the corner is the first; kNone: there is none.
+  // The newest of all sides of which the corner is the first, if it is open; else kNone.
   uint32_t beginningAt(uint32_t corner) const {
     const auto at = at_corner_.find(corner);
-    if (at == at_corner_.end()) return kNone;
-    for (size_t n = at->second.size(); n-- > 0;)
-      if (const Side& s = sides_[at->second[n]]; s.open && s.from == corner) return at->second[n];
-    return kNone;
+    if (at == at_corner_.end() || at->second.begins == kNone) return kNone;
+    return sides_[at->second.begins].open ? at->second.begins : kNone;
   }
   // The patch was reached by side i of its loop, which then is the oldest of its sides.
   void take(const std::array<uint32_t, 4>& patch, size_t i) {
@@ -64,7 +62,7 @@ class OpenSides {
   }
   // The far end of the newest open side at that corner which has none of the others; kNone: there is no such.
   uint32_t beyond(uint32_t corner, const std::array<uint32_t, 4>& others) {
-    auto& at = at_corner_[corner];
+    auto& at = at_corner_[corner].ends;
     for (size_t n = at.size(); n-- > 0;) {
       const Side& s = sides_[at[n]];
       if (!s.open) {
@@ -85,13 +83,18 @@ class OpenSides {
     if (newest_ != kNone) sides_[newest_].newer = side;
     newest_ = side;
     by_ends_[keyOf(from, to)] = side;
-    for (uint32_t end : {from, to}) at_corner_[end].push_back(side);
+    for (uint32_t end : {from, to}) at_corner_[end].ends.push_back(side);
+    at_corner_[from].begins = side;
   }
 
   std::vector<Side> sides_;
   uint32_t newest_ = kNone;
   std::unordered_map<uint64_t, uint32_t> by_ends_;
-  std::unordered_map<uint32_t, std::vector<uint32_t>> at_corner_;
+  struct AtCorner {
+    std::vector<uint32_t> ends;  // sides, many closed ones left out
+    uint32_t begins = kNone;     // the newest side
+  };
+  std::unordered_map<uint32_t, AtCorner> at_corner_;
 };
 
 }  // namespace relievo

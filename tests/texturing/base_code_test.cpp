@@ -707,7 +707,8 @@ class Reader {
     };
     constexpr uint32_t kUnknown = ~uint32_t{0};
     constexpr std::array<size_t, 4> kLoop{0, 1, 3, 2};
-    std::vector<Side> open;  // the newest last
+    std::vector<Side> open;               // the newest last
+    std::map<uint32_t, int> newest_from;  // by corner, open or not
     int numbers = 0, met = -1;
     std::array<int, 2> before{0, 0};  // of the patches before, the last one first
     auto bit = [&](int decision) {
@@ -721,8 +722,10 @@ class Reader {
     };
     auto index = [&] {
       const uint32_t c = coder_.plain(std::bit_width(corners_));
+      const auto begins = newest_from.find(c);
+      if (begins == newest_from.end()) return c;
       for (const Side& s : open)
-        if (s.from == c) met = s.number;
+        if (s.number == begins->second) met = s.number;
       return c;
     };
     auto along = [&] {
@@ -781,8 +784,12 @@ class Reader {
         const auto same = std::find_if(open.begin(), open.end(), [&](const Side& other) {
           return std::minmax(other.from, other.to) == std::minmax(side.from, side.to);
         });
-        if (same == open.end()) open.push_back(side), ++numbers;
-        else open.erase(same);
+        if (same != open.end()) {
+          open.erase(same);
+          continue;
+        }
+        open.push_back(side);
+        newest_from[side.from] = numbers++;
       }
     }
   }

@@ -560,10 +560,15 @@ TEST(PatchPackage, keepsTheBaseMeshAndTellsOfTheScan) {
   EXPECT_EQ(m.sources.at(0).name, "noise, seed 17");
 }
 
-// Patches that are cut are told from version 11 on, however the index is stored; older storage cannot.
-TEST(PatchPackage, keepsThatPatchesAreCut) {
+BaseMesh cutSphere() {
   BaseMesh cut = cubeSphere(2, 100, kSeed);
   cut.cut = true;
+  return cut;
+}
+
+// Patches that are cut are told from version 11 on, however the index is stored; older storage cannot.
+TEST(PatchPackage, keepsThatPatchesAreCut) {
+  const BaseMesh cut = cutSphere();
   const NoisyPatches source(cut, 0, 0, kSeed);
   ScratchFolder folder;
   const std::string path = folder.file("a.relievo");
@@ -593,9 +598,7 @@ TEST(PatchPackage, keepsThatPatchesAreCut) {
 
 // Another kind of storage is a later version's.
 TEST(PatchPackage, refusesOtherKindsOfStorage) {
-  BaseMesh cut = cubeSphere(2, 100, kSeed);
-  cut.cut = true;
-  const NoisyPatches source(cut, 0, 0, kSeed);
+  const NoisyPatches source(cutSphere(), 0, 0, kSeed);
   ScratchFolder folder;
   const std::string path = folder.file("a.relievo");
   struct Field {
