@@ -564,7 +564,7 @@ Result<bool> MeshBuild::nextBase(const Fidelity& now, BakeLimit limit, bool bett
   if (base_kind_ == BaseKind::kFaces) return false;  // it is the scan
   if (first && base_kind_ == BaseKind::kEven) {
     // Few triangles may be patches themselves: these show the scan as it is.
-    auto done = useFaces(mostFacesFirst());
+    auto done = useFaces(mostFacesBeforeSmaller(creased()));
     if (!done || *done) return done;
   }
   std::vector<RefineRequest> requests;
@@ -608,7 +608,8 @@ Result<bool> MeshBuild::nextBase(const Fidelity& now, BakeLimit limit, bool bett
     }
     requests.clear();  // of another base
   }
-  auto done = useSimplified(requests);
+  auto done = base_kind_ == BaseKind::kEven ? useFaces(mostFacesFirst()) : Result<bool>(false);
+  if (done && !*done) done = useSimplified(requests);
   if (done && !*done && fidelity_.excess() > kFarOff) done = useFaces(kManyFaces);
   if (!done || *done || fidelity_.kept()) return done;
   return useMorePatches();

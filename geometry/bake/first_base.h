@@ -26,18 +26,23 @@ constexpr bool suitsOwnTriangles(bool planes, bool coloured, double stretched) {
   return !planes && !(coloured && stretched > kMuch);
 }
 
-// So many patches of the scan's own triangles come before smaller and simplified ones, since they take about as many
-// bytes as kMostPatches of these, a third of the time, and are exact. creased: the share of triangles beside a crease,
-// which simplified patches need pages of normals for: where they are most, more triangles take fewer bytes. Of eleven
-// public scans that smaller patches missed, of 10,000 to 100,000 triangles, own triangles took 0.4 to 1.1 times the
-// bytes of simplified ones up to these numbers, and 1.5 and 1.6 times beyond. of_default: the tolerance, in times of
-// the default one; with a larger one simplified triangles are fewer. suits: suitsOwnTriangles().
+// Of a scan's triangles beside a crease: beyond it own triangles take fewer bytes than larger patches.
+inline constexpr double kMostlyCreased = 0.5;
+
+// So many patches of the scan's own triangles come before smaller ones where the first base missed: smaller patches of
+// even size often take fewer bytes than more of them. creased: the share of triangles beside a crease, which larger
+// patches need pages of normals for.
+constexpr uint32_t mostFacesBeforeSmaller(double creased) { return creased >= kMostlyCreased ? 12'288 : kMostPatches; }
+
+// So many patches of the scan's own triangles come before simplified ones, since they take about as many
+// bytes as kMostPatches of these, a third of the time, and are exact. Where most lie beside creases, more triangles do.
+// Of eleven public scans that smaller patches missed, of 10,000 to 100,000 triangles, own triangles took 0.4 to 1.1
+// times the bytes of simplified ones up to these numbers, and 1.5 and 1.6 times beyond. of_default: the tolerance, in
+// times of the default one; with a larger one simplified triangles are fewer. suits: suitsOwnTriangles().
 constexpr uint32_t mostFacesFirst(double creased, double of_default, bool suits) {
-  constexpr double kMostlyCreased = 0.5, kMuchCoarser = 2;
-  constexpr uint32_t kThoughUnsuited = 12'288;
-  const bool mostly = creased >= kMostlyCreased;
-  if (!suits) return mostly ? kThoughUnsuited : kMostPatches;
-  const double most = mostly ? kManyFaces : kFewFaces;
+  constexpr double kMuchCoarser = 2;
+  if (!suits) return mostFacesBeforeSmaller(creased);
+  const double most = creased >= kMostlyCreased ? kManyFaces : kFewFaces;
   return std::max(kMostPatches, static_cast<uint32_t>(most * std::min(1.0, kMuchCoarser / of_default)));
 }
 

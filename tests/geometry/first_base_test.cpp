@@ -94,6 +94,10 @@ TEST(FirstBase, MoreOwnTrianglesComeFirstWhereMostLieBesideCreases) {
   EXPECT_EQ(mostFacesFirst(0.5, 1, true), 65'536u);
   EXPECT_EQ(mostFacesFirst(1, 1, true), 65'536u);
 }
+TEST(FirstBase, FewerOwnTrianglesComeBeforeSmallerPatches) {
+  EXPECT_EQ(mostFacesBeforeSmaller(0.49), 4096u);
+  EXPECT_EQ(mostFacesBeforeSmaller(0.5), 12'288u);
+}
 TEST(FirstBase, FewerOwnTrianglesComeFirstWhereOthersTakeFewBytes) {
   EXPECT_EQ(mostFacesFirst(0, 0.1, true), 36'864u) << "a finer tolerance";
   EXPECT_EQ(mostFacesFirst(0, 2, true), 36'864u);
