@@ -516,7 +516,8 @@ bool MeshBuild::suitsOwnTriangles() const {
   const bool coloured =
       !textured_.images.empty() || std::any_of(scan.colours.begin(), scan.colours.end(),
                                                [&](const glm::u8vec3& colour) { return colour != scan.colours[0]; });
-  return relievo::suitsOwnTriangles(textured_.format.basis != Basis::kAlbedoNormal, coloured, stretchedShare(scan));
+  const double stretched = coloured ? stretchedShare(scan) : 0;  // else it says nothing
+  return relievo::suitsOwnTriangles(textured_.format.basis != Basis::kAlbedoNormal, coloured, stretched);
 }
 
 Result<bool> MeshBuild::useFaces(uint32_t max_patches) {
@@ -538,7 +539,7 @@ Result<bool> MeshBuild::useMorePatches() {
 Result<bool> MeshBuild::useFewFacesAtOnce() {
   // A coarse copy is asked for: patches that are larger than triangles take fewer bytes.
   const bool coarser = toleranceOverDefault() > 1;
-  if (a_.patches > 0 || coarser) return false;
+  if (a_.patches > 0 || coarser || loaded_.mesh.triangles.size() > 2 * size_t{kMostPatches}) return false;
   return useFaces(mostFacesAtOnce(suitsOwnTriangles()));
 }
 

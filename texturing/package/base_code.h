@@ -1,7 +1,7 @@
 // base_code.h - the section of a base mesh (package_base.h) in few bytes, without loss: corners on lattices are
 // predicted from those of patches around, bounds from those beside them, and what they differ by is range coded in
-// contexts (texturing/PACKAGE.md, "Coded base mesh", "Base mesh by sides"): about half of what zstd makes of the
-// section's bytes, and for a scan's own triangles a third less again.
+// contexts (texturing/PACKAGE.md, "Coded base mesh", "Base mesh by sides", "Base mesh by its border"): about half of
+// what zstd makes of the section's bytes, and for a scan's own triangles each of the later two a third less again.
 #pragma once
 
 #include <cstdint>
