@@ -4,10 +4,12 @@
 #include <algorithm>
 #include <bit>
 #include <cstdint>
+#include <deque>
 #include <span>
 #include <utility>
 #include <vector>
 
+#include "geometry/bake/image_fill.h"
 #include "geometry/bake/mesh_bake.h"
 #include "src/artwork/base_mesh.h"
 #include "src/artwork/patch_domain.h"
@@ -15,12 +17,12 @@
 
 namespace relievo {
 
-// The bake outlives it.
+// The bake outlives it, and so do its images' texels.
 class BakedPatches final : public PatchSource {
  public:
   // step: of the lattice of the base's corners, in the scan's units.
   BakedPatches(const MeshBake& bake, double step, double mm_per_unit, double slight_mm, std::vector<Provenance> sources,
-               const TextureFormat& format)
+               const TextureFormat& format, std::span<const MeshBake::Image> images = {})
       : bake_(bake),
         mm_(mm_per_unit),
         step_mm_(step * mm_per_unit),
@@ -28,6 +30,20 @@ class BakedPatches final : public PatchSource {
         base_(bake.base()),
         sources_(std::move(sources)),
         format_(format) {
+    const std::vector<bool> shown = bake.shownImages();
+    for (size_t i = 0; i < shown.size(); ++i) {
+      number_of_image_.push_back(static_cast<uint16_t>(images_.size()));
+      if (!shown[i]) continue;
+      const MeshBake::Image& image = images[i];
+      SourceImage source{image.width, image.height, image.repeats, image.texels};
+      if (!image.palette) {
+        filled_.push_back(
+            fillUnshown(bake.mesh(), static_cast<uint16_t>(i), image.width, image.height, image.repeats, image.texels)
+                .rgb);
+        source.rgb = filled_.back();
+      }
+      images_.push_back(source);
+    }
     base_.origin_mm *= mm_;
     for (BaseCorner& c : base_.corners)
       for (int axis = 0; axis < 3; ++axis) c.position_mm[axis] = onStep(c.position_mm[axis], step, step_mm_);
@@ -36,6 +52,24 @@ class BakedPatches final : public PatchSource {
   double baseStepMm() const override { return step_mm_; }
   int textureDepth() const override { return bake_.textureDepth(); }
   int textureDepthOf(uint32_t patch) const override { return bake_.textureDepthOf(patch); }
+  std::vector<SourceImage> images() const override { return images_; }
+  PatchImage imageOf(uint32_t patch) const override {
+    PatchImage out;
+    const auto on = bake_.imagesOn(patch);
+    if (!on) return out;
+    out.depth = static_cast<int8_t>(on->depth);
+    for (size_t half = 0; half < 2; ++half) {
+      out.image[half] = number_of_image_[on->image[half]];
+      const SourceImage& image = images_[out.image[half]];
+      for (size_t k = 0; k < 3; ++k) {
+        const glm::dvec2 uv = on->uv[half][k];
+        const glm::dvec2 from_above(uv.x * image.width, (1 - uv.y) * image.height);
+        out.at[half][k] = glm::ivec2(glm::round(256.0 * from_above));
+        out.normal[half][k] = glm::u8vec3(glm::round(127.5f * (on->normal[half][k] + 1.0f)));
+      }
+    }
+    return out;
+  }
   int reliefDepth() const override { return bake_.reliefDepth(); }
   TextureFormat format() const override { return format_; }
   double reliefOffsetMm() const override { return bake_.reliefOffsetMm() * mm_; }
@@ -79,6 +113,9 @@ class BakedPatches final : public PatchSource {
   BaseMesh base_;
   std::vector<Provenance> sources_;
   TextureFormat format_;
+  std::vector<SourceImage> images_;          // that patches show
+  std::deque<std::vector<uint8_t>> filled_;  // their texels, where others than the bake's
+  std::vector<uint16_t> number_of_image_;    // by number in the bake
 };
 
 }  // namespace relievo

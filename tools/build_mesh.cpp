@@ -16,6 +16,7 @@
 #include "geometry/bake/line_rasteriser.h"
 #include "geometry/bake/mesh_bake.h"
 #include "geometry/bake/mesh_distance.h"
+#include "geometry/bake/repeated_images.h"
 #include "geometry/bake/simplified_rounds.h"
 #include "geometry/bake/step_choice.h"
 #include "geometry/bake/stretched_triangles.h"
@@ -165,7 +166,7 @@ class MeshBuild {
   Result<void> bakeUntilKept();
   // After steps were chosen: what is told of the bake, and the errors of its coarser grids.
   Result<void> finishBake();
-  // A scan of few triangles is its own base (mostFacesAtOnce()); false: it is not.
+  // A scan of few triangles is its own base (mostFacesAtOnce()), or one that repeats its images; false: it is not.
   Result<bool> useFewFacesAtOnce();
   // How many times the default one the tolerance is.
   double toleranceOverDefault() const {
@@ -187,6 +188,9 @@ class MeshBuild {
   Result<bool> useFaces(uint32_t max_patches);
   double creased();                // the share of the scan's triangles beside a crease
   bool suitsOwnTriangles() const;  // its texture does
+  // Own triangles may show its images instead of having their texels.
+  bool showsImages() const { return a_.texture_tolerance >= 0 && a_.package.colour.codec == PageCodec::kLossless; }
+  bool repeatsImages() const;  // so much that they should
   uint32_t mostFacesFirst() { return relievo::mostFacesFirst(creased(), toleranceOverDefault(), suitsOwnTriangles()); }
   Result<bool> useSimplified(std::span<const RefineRequest> requests);
   // What is left after all of these (moreOf()).
@@ -350,6 +354,7 @@ Result<void> MeshBuild::bake(int cells_log2) {
   bake_options.workers = a_.package.workers;
   bake_options.errors = false;
   bake_options.tail_textures = a_.texture_tolerance >= 0;
+  bake_options.show_images = showsImages();
   bake_options.cells_log2 = cells_log2;
   bake_options.fit = cells_log2 < 0;
   // Far off, most of a bake would go to a fit that hardly helps: not where patches of the scan's own triangles come
@@ -536,11 +541,21 @@ Result<bool> MeshBuild::useMorePatches() {
       [&](uint32_t) { return useSimplified({}); });
 }
 
+bool MeshBuild::repeatsImages() const {
+  std::vector<double> texels;
+  for (const MeshBake::Image& image : textured_.images)
+    texels.push_back(image.palette ? 0 : static_cast<double>(image.width) * image.height);
+  return showsImages() && repeatsMuch(timesShown(loaded_.mesh, texels.size()), texels);
+}
+
 Result<bool> MeshBuild::useFewFacesAtOnce() {
   // A coarse copy is asked for: patches that are larger than triangles take fewer bytes.
   const bool coarser = toleranceOverDefault() > 1;
-  if (a_.patches > 0 || coarser || loaded_.mesh.triangles.size() > 2 * size_t{kMostPatches}) return false;
-  return useFaces(mostFacesAtOnce(suitsOwnTriangles()));
+  if (a_.patches > 0 || coarser) return false;
+  const bool suits = suitsOwnTriangles();
+  const uint32_t most = suits && repeatsImages() ? kManyFaces : mostFacesAtOnce(suits);
+  if (loaded_.mesh.triangles.size() > 2 * size_t{most}) return false;
+  return useFaces(most);
 }
 
 Result<void> MeshBuild::replaceHopelessBase() {
@@ -700,9 +715,9 @@ Result<void> MeshBuild::pack() {
   package.kept_bytes = kKeptBytes;
   package.memory_budget_bytes = std::max(package.memory_budget_bytes, held + kLeastPackageBytes) - held;
   auto built = stages_.run("package", [&] {
-    return buildPatchesWithProgress(
-        BakedPatches(*bake_, baseStep(), mm(1), mm(kSlight * fidelity_.target.rms_mm), sources, textured_.format),
-        package);
+    return buildPatchesWithProgress(BakedPatches(*bake_, baseStep(), mm(1), mm(kSlight * fidelity_.target.rms_mm),
+                                                 sources, textured_.format, textured_.images),
+                                    package);
   });
   if (!built) return built.error().kind == ErrorKind::kInterrupted ? interrupted(a_) : built.error();
   result_.pages = built->pages;
@@ -719,6 +734,8 @@ Result<void> MeshBuild::pack() {
     result_.texture_tolerance = a_.texture_tolerance;
     for (int level = 0; level <= domain.texture_depth; ++level) result_.texture_nodes += domain.nodeCount(level);
     result_.texture_nodes_left_out = domain.untexturedNodeCount();
+    const Package::ShownImages shown = (*opened)->shownImages();
+    result_.shown_images = shown.images, result_.patches_with_images = shown.patches;
   }
   return {};
 }
@@ -778,6 +795,10 @@ void MeshBuild::printSummary() const {
   printOutf("%s: %llu pages, %.1f MiB, %.1f s (%s), in at most %.0f MiB of memory\n%s", a_.package.output.c_str(),
             static_cast<unsigned long long>(result_.pages), static_cast<double>(result_.package_bytes) / (1 << 20),
             seconds, each.c_str(), static_cast<double>(peak) / (1 << 20), meshText(result_.mesh).c_str());
+  if (result_.shown_images > 0)
+    printOutf("  images    %llu stored once and as they are; %llu patches show them\n",
+              static_cast<unsigned long long>(result_.shown_images),
+              static_cast<unsigned long long>(result_.patches_with_images));
   if (result_.texture_nodes_left_out > 0)
     printOutf(
         "  texture   %llu of %llu nodes have no pages: what is coarser shows them within %.3g steps of 255 "

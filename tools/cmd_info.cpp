@@ -158,6 +158,8 @@ nlohmann::ordered_json jsonOf(const Contents& c) {
     json["patches_without_texture_pages"] = patchesWithoutTexture(m.domain);
   }
   if (!m.domain.isFlat()) json["tails"] = c.package.hasTails();
+  if (const auto shown = c.package.shownImages(); shown.bytes > 0)
+    json["shown_images"] = {{"images", shown.images}, {"patches", shown.patches}, {"bytes", shown.bytes}};
   json["bytes_per_px"] = c.bytesPerPx();
   json["tool_version"] = m.tool_version;
   json["sources"] = nlohmann::ordered_json::array();
@@ -230,6 +232,9 @@ void printPages(const Contents& c) {
   if (const uint64_t left_out = d.untexturedNodeCount(); left_out > 0)
     printOutf("    left out  %llu nodes of texture that nothing needs; %llu patches have none at all, their tails do\n",
               static_cast<unsigned long long>(left_out), static_cast<unsigned long long>(patchesWithoutTexture(d)));
+  if (const auto shown = c.package.shownImages(); shown.bytes > 0)
+    printOutf("    images       %8.1f MiB: %zu that %u patches show, whose pages are made when they are read\n",
+              static_cast<double>(shown.bytes) / (1 << 20), shown.images, shown.patches);
   const PackageHeader& h = c.package.header();
   if (h.coded_tails)
     printOutf("    (lossless texture pages may be stored within the --texture-tolerance of the build)\n");

@@ -1,5 +1,6 @@
 #include "geometry/bake/bake_context.h"
 
+#include <algorithm>
 #include <cmath>
 
 #include "geometry/mesh/triangle_point.h"
@@ -40,29 +41,48 @@ BakeContext::BakeContext(const TriMesh& scan, const BaseMesh& over_scan)
   }
 }
 
-uint32_t BakeContext::ownTriangle(uint32_t patch, size_t half) const {
+std::array<glm::dvec3, 3> BakeContext::cornersOfHalf(uint32_t patch, size_t half) const {
   const auto& c = base.patches[patch];
-  std::array<glm::dvec3, 3> corners;
-  for (size_t k = 0; k < 3; ++k)
-    corners[k] = cornerPoint(c[std::array{size_t{0}, half ? size_t{2} : size_t{1}, size_t{3}}[k]]).position;
+  return {cornerPoint(c[0]).position, cornerPoint(c[half ? 2 : 1]).position, cornerPoint(c[3]).position};
+}
+
+double BakeContext::areaOf(uint32_t patch, size_t half) const {
+  const std::array<glm::dvec3, 3> corners = cornersOfHalf(patch, half);
+  return glm::length(glm::cross(corners[2] - corners[0], corners[1] - corners[0]));
+}
+
+uint32_t BakeContext::ownTriangle(uint32_t patch, size_t half) const {
+  const std::array<glm::dvec3, 3> corners = cornersOfHalf(patch, half);
   const glm::dvec3 across = glm::cross(corners[2] - corners[0], corners[1] - corners[0]);
   const double area = glm::length(across);
   if (!(area > 0)) return SurfacePoint::kNone;
-  // Where sheets touch, the one that faces as the patch does. The middle lies within a rounding of its triangle.
-  const Line line{(corners[0] + corners[1] + corners[2]) / 3.0, (half ? -1.0 : 1.0) / area * across, touch_mm,
-                  touch_mm};
-  const SurfacePoint found = scene->nearestOnLine(line, Facing::kAlong);
-  if (!found) return SurfacePoint::kNone;
-  const TriangleCorners t = cornersOf(*mesh, found.triangle);
-  for (const glm::dvec3& corner : corners)
-    if (closestOnTriangle(t, corner).distance > touch_mm) return SurfacePoint::kNone;
-  return found.triangle;
+  // Where sheets touch, the one that faces as the patch does. What lies on a place of the half lies within a rounding
+  // of its triangle; where others overlap with that, they seldom do everywhere.
+  constexpr std::array<std::array<double, 3>, 7> kPlaces{
+      {{1, 1, 1}, {4, 1, 1}, {1, 4, 1}, {1, 1, 4}, {20, 1, 1}, {1, 20, 1}, {1, 1, 20}}};
+  for (const auto& weights : kPlaces) {
+    const glm::dvec3 at = (weights[0] * corners[0] + weights[1] * corners[1] + weights[2] * corners[2]) /
+                          (weights[0] + weights[1] + weights[2]);
+    const SurfacePoint found =
+        scene->nearestOnLine({at, (half ? -1.0 : 1.0) / area * across, touch_mm, touch_mm}, Facing::kAlong);
+    if (!found) continue;
+    const TriangleCorners t = cornersOf(*mesh, found.triangle);
+    const bool holds = std::all_of(corners.begin(), corners.end(), [&](const glm::dvec3& corner) {
+      return closestOnTriangle(t, corner).distance <= touch_mm;
+    });
+    if (holds) return found.triangle;
+  }
+  return SurfacePoint::kNone;
 }
 
 bool BakeContext::findOwnTriangles() {
   std::vector<std::array<uint32_t, 2>> own(layout.patches);
   const bool done = parallelFor(layout.patches, workers, interrupted, [&](size_t patch) {
     for (size_t half = 0; half < 2; ++half) own[patch][half] = ownTriangle(static_cast<uint32_t>(patch), half);
+    // Of a triangle that is a patch alone, one half has no area.
+    for (size_t half = 0; half < 2; ++half)
+      if (own[patch][half] == SurfacePoint::kNone && !(areaOf(static_cast<uint32_t>(patch), half) > 0))
+        own[patch][half] = own[patch][1 - half];
   });
   own_triangles = std::move(own);
   return done;

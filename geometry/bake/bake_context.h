@@ -182,6 +182,8 @@ struct BakeContext {
   void intersect(LineBatch& batch) const;
   // The scan's point that the base shows at (u, v), or else the closest one.
   SurfacePoint pointAt(uint32_t patch, double u, double v) const;
+  // Of the half of a patch that is cut, at (0,0), (1,0) or (0,1), and (1,1).
+  std::array<glm::dvec3, 3> cornersOfHalf(uint32_t patch, size_t half) const;
   // Sets own_triangles. False: stopped().
   bool findOwnTriangles();
   bool stopped() const { return interrupted && interrupted->load(std::memory_order_relaxed); }
@@ -193,6 +195,7 @@ struct BakeContext {
     double radius = 0;
   };
   void findHits(LineBatch& batch) const;
+  double areaOf(uint32_t patch, size_t half) const;  // twice a half's
   // The triangle that a half of a patch lies on.
   uint32_t ownTriangle(uint32_t patch, size_t half) const;
   // The closest point of the scan instead of a hit that is far from it, if `touching` allows it there: next to a sharp

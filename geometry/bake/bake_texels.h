@@ -10,6 +10,7 @@
 #include "geometry/bake/bake_context.h"
 #include "geometry/bake/baked_heights.h"
 #include "geometry/bake/mip_image.h"
+#include "src/artwork/patch_domain.h"
 
 namespace relievo {
 
@@ -19,11 +20,14 @@ struct PatchResolution {
                              // cells that a crease or a border of plain colours crosses; at least the texels: at each
                              // texel
   bool plain = false;        // its colours are those of whole triangles, not of an image
+  // Where it shows images itself (ImagesOnPatch), and needs no texels: its finest level. Else kNoTexturePage.
+  int shown_depth = kNoTexturePage;
 };
 struct BakeTexture {
   struct Image {
     MipImage texels;
     bool palette = false;  // of colours that whole triangles have
+    bool shown = false;    // by patches themselves
   };
   std::vector<Image> images;  // that TriMesh::image_of names
   bool planes = false;        // the channels of the one image become the texture, in place of colour and normal
@@ -34,7 +38,7 @@ struct BakeTexture {
     return image == kNoImage ? nullptr : &images[image];
   }
   // texture_resolution.h
-  int depth = 0;                          // the largest of all patches
+  int depth = 0;                          // the largest of all patches, shown ones included
   std::vector<PatchResolution> of_patch;  // one for each
 };
 

@@ -157,10 +157,23 @@ Result<BakeScene> makeBakeScene(const TriMesh& mesh, const BakeSceneOptions& opt
 
 MeshBake::MeshBake(std::unique_ptr<Impl> impl) : impl_(std::move(impl)) {}
 MeshBake::~MeshBake() = default;
+const TriMesh& MeshBake::mesh() const { return *impl_->context.mesh; }
 const BaseMesh& MeshBake::base() const { return impl_->context.base; }
 const BakeReport& MeshBake::report() const { return impl_->report; }
 int MeshBake::textureDepth() const { return impl_->report.texture_depth; }
 int MeshBake::textureDepthOf(uint32_t patch) const { return impl_->texture.of_patch[patch].depth; }
+std::vector<bool> MeshBake::shownImages() const {
+  std::vector<bool> shown;
+  for (const BakeTexture::Image& image : impl_->texture.images) shown.push_back(image.shown);
+  return shown;
+}
+std::optional<ImagesOnPatch> MeshBake::imagesOn(uint32_t patch) const {
+  const int depth = impl_->texture.of_patch[patch].shown_depth;
+  if (depth == kNoTexturePage) return std::nullopt;
+  ImagesOnPatch on = imagesOnPatch(impl_->context, patch);
+  on.depth = depth;
+  return on;
+}
 int MeshBake::reliefDepth() const { return impl_->baked.reliefDepth(); }
 double MeshBake::reliefOffsetMm() const { return impl_->baked.offset_mm; }
 double MeshBake::reliefScaleMm() const { return impl_->baked.scale_mm; }
@@ -201,7 +214,8 @@ Result<std::unique_ptr<MeshBake>> MeshBake::create(const TriMesh& mesh, std::spa
   auto baked = searchHeights(impl->context, options, impl->report);
   if (!baked) return baked.error();
   impl->baked = std::move(*baked);
-  if (!chooseTextureResolution(impl->context, options.texture_depth, options.tail_textures, impl->texture))
+  if (!chooseTextureResolution(impl->context, {options.texture_depth, options.tail_textures, options.show_images},
+                               impl->texture))
     return interruptedError();
   impl->report.texture_depth = impl->texture.depth;
   impl->always_errors = options.errors;

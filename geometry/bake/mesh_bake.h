@@ -3,12 +3,16 @@
 // Units: mm. Errors: kUsage (options), kInvalidData (mesh or base mesh), kInterrupted.
 #pragma once
 
+#include <array>
 #include <atomic>
 #include <cstdint>
 #include <functional>
 #include <memory>
+#include <optional>
 #include <span>
 #include <vector>
+
+#include <glm/glm.hpp>
 
 #include "geometry/bake/between_samples.h"
 #include "geometry/bake/grid_error.h"
@@ -56,6 +60,9 @@ struct BakeOptions {
   // With -1 and an image: patches that it has few texels on have 16 a side, those of a tail (textureDepthOf() is then
   // kNoTexturePage).
   bool tail_textures = false;
+  // With tail_textures: images that the scan repeats are shown by patches themselves (imagesOn()), where these have the
+  // scan's own triangles.
+  bool show_images = false;
   int workers = 0;  // 0: one for each core
   std::function<void(double /*0..1*/)> progress;
   const std::atomic<bool>* interrupted = nullptr;  // also stops texels()
@@ -84,6 +91,16 @@ struct BakeReport {
 class LineRasteriser;
 class RayScene;
 struct CornerNormals;
+
+// What a patch that is cut shows of images: on the half to the right of its diagonal, and on that to its left.
+struct ImagesOnPatch {
+  int depth = 0;  // its finest texture level
+  std::array<uint16_t, 2> image{};
+  // At a half's corners (0,0), (1,0) or (0,1), and (1,1): texture coordinates, (0, 0) is the image's lower left corner;
+  // and the triangle's normals, of length 1.
+  std::array<std::array<glm::dvec2, 3>, 2> uv{};
+  std::array<std::array<glm::vec3, 3>, 2> normal{};
+};
 
 // The scan's search structures. The mesh must outlive them unchanged. They can be made while the base mesh is computed,
 // and copies share them, so that several bakes of one mesh build them once.
@@ -126,13 +143,18 @@ class MeshBake {
                                                   BakeScene scene = {});
   ~MeshBake();
 
+  const TriMesh& mesh() const;
   const BaseMesh& base() const;
   const BakeReport& report() const;
   // As texturing/package/patch_source.h defines them. reliefDepth() is max(cells_log2 - 7, 0). If cells_log2 is below
   // 7, values between samples are interpolated on the cells' triangles, with the same rounding from both sides of a
   // patch's border.
   int textureDepth() const;
-  int textureDepthOf(uint32_t patch) const;  // or kNoTexturePage
+  int textureDepthOf(uint32_t patch) const;  // or kNoTexturePage; that of texels()
+  // Which of the images patches show themselves (BakeOptions::show_images), and what a patch shows of them, if it does.
+  // Of its texels() nothing is needed.
+  std::vector<bool> shownImages() const;
+  std::optional<ImagesOnPatch> imagesOn(uint32_t patch) const;
   int reliefDepth() const;
   double reliefOffsetMm() const;
   double reliefScaleMm() const;

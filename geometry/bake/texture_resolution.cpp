@@ -5,10 +5,14 @@
 #include <bit>
 #include <cmath>
 #include <cstdint>
+#include <optional>
+#include <utility>
 #include <vector>
 
+#include "geometry/bake/repeated_images.h"
 #include "geometry/mesh/triangle_point.h"
 #include "src/artwork/patch_domain.h"
+#include "src/artwork/shown_images.h"
 #include "src/base/parallel_for.h"
 
 namespace relievo {
@@ -17,7 +21,7 @@ namespace {
 constexpr uint64_t kMostTexels = uint64_t{64} << 20;  // of all patches, where colours are vertices'
 // Where they are an image's; of one that is too large for that texels are left out.
 constexpr uint64_t kMostImageTexels = uint64_t{128} << 20;
-constexpr int kMostDepth = 5;  // a patch's texels are held in memory
+constexpr int kMostDepth = 5;  // a patch's texels are held in memory, but for those of images that it shows
 
 // How many of the images' texels lie across a patch, along u or v, whichever are more: at most places, and at the
 // densest one; and how many lie on it.
@@ -109,13 +113,83 @@ bool isPlain(const BakeContext& context, const BakeTexture& texture, uint32_t pa
 
 int log2Above(double value) { return value > 1 ? static_cast<int>(std::ceil(std::log2(std::min(value, 0x1p30)))) : 0; }
 
-int depthFor(const TexelsAcross& image, bool tails) {
+// At most `most`.
+int depthFor(const TexelsAcross& image, bool tails, int most) {
   // A texel is at most so many of the image's long; but a patch has at most so many for each of the image's, where
   // these are stretched.
   constexpr double kLongest = 1.42, kMostForEach = 8;
   const double across = std::min(image.most / kLongest, std::sqrt(kMostForEach * image.on_patch));
   if (tails && !image.creased && across <= kTailTexels && image.densest <= 2 * kTailTexels) return kNoTexturePage;
-  return std::clamp(log2Above(across) - kPageCellsLog2, 0, kMostDepth);
+  return std::clamp(log2Above(across) - kPageCellsLog2, 0, most);
+}
+
+// The patches that could show images themselves, and how deep they would be.
+struct ShowingPatch {
+  uint32_t patch;
+  int8_t depth;
+  std::array<uint16_t, 2> image;
+};
+
+// Images that are on the scan several times over, and those of many small triangles, which take a page each, take more
+// texels as patches than they have. Those whose patches would take the most are shown, as far as readers hold them in
+// memory.
+void chooseShownImages(const BakeContext& context, std::vector<ShowingPatch> showing, BakeTexture& texture) {
+  constexpr double kOfRepeated = 2, kOfOther = 4;  // texels as patches, in times of the image's own
+  const std::vector<double> times = timesShown(*context.mesh, texture.images.size());
+  std::vector<double> texels(texture.images.size());
+  for (const ShowingPatch& s : showing)
+    for (const uint16_t image : s.image) texels[image] += 0.5 * std::ldexp(1.0, 2 * (kPageCellsLog2 + s.depth));
+  std::vector<size_t> order;
+  // Colours of whole triangles are shown as well where they share a patch with an image.
+  auto isPalette = [&](size_t i) { return texture.images[i].palette; };
+  auto own = [&](size_t i) {
+    const MipImage& image = texture.images[i].texels;
+    return static_cast<double>(image.width()) * static_cast<double>(image.height());
+  };
+  for (size_t i = 0; i < times.size(); ++i)
+    if (!isPalette(i) && texels[i] >= (times[i] >= kTimesOver ? kOfRepeated : kOfOther) * own(i)) order.push_back(i);
+  std::stable_sort(order.begin(), order.end(),
+                   [&](size_t a, size_t b) { return texels[a] * own(b) > texels[b] * own(a); });
+  double held = 0;
+  for (const size_t i : order) {
+    if (held + own(i) > static_cast<double>(kMostShownTexels)) continue;
+    held += own(i);
+    texture.images[i].shown = true;
+  }
+  for (const ShowingPatch& s : showing) {
+    bool shows = true, any = false;
+    for (const size_t image : s.image) {
+      shows = shows && (texture.images[image].shown || isPalette(image));
+      any = any || !isPalette(image);
+    }
+    if (!shows || !any) continue;
+    for (const size_t image : s.image) texture.images[image].shown = true;
+    texture.of_patch[s.patch].depth = kNoTexturePage;
+    texture.of_patch[s.patch].shown_depth = s.depth;
+  }
+}
+
+// Which images lie on both halves of a patch; nothing: not two, or not where they can be shown.
+std::optional<std::array<uint16_t, 2>> imagesToShow(const BakeContext& context, const BakeTexture& texture,
+                                                    uint32_t patch) {
+  constexpr double kMostPlaces = kMostShownPlace / 512;  // texels, from an image's corner
+  if (context.own_triangles.empty()) return std::nullopt;
+  std::array<uint16_t, 2> images{};
+  for (size_t half = 0; half < 2; ++half) {
+    const uint32_t triangle = context.own_triangles[patch][half];
+    if (triangle == SurfacePoint::kNone) return std::nullopt;
+    const BakeTexture::Image* image = texture.imageOf(*context.mesh, triangle);
+    if (!image) return std::nullopt;
+    images[half] = static_cast<uint16_t>(image - texture.images.data());
+  }
+  const ImagesOnPatch on = imagesOnPatch(context, patch);
+  for (size_t half = 0; half < 2; ++half)
+    for (const glm::dvec2& uv : on.uv[half]) {
+      const MipImage& image = texture.images[images[half]].texels;
+      const glm::dvec2 place = glm::abs(uv * glm::dvec2(image.width(), image.height()));
+      if (!(place.x <= kMostPlaces && place.y <= kMostPlaces)) return std::nullopt;
+    }
+  return images;
 }
 
 // No finer than that all patches together have so many texels.
@@ -135,7 +209,35 @@ int deepestOf(const std::vector<PatchResolution>& of_patch, uint64_t most_texels
 
 }  // namespace
 
-bool chooseTextureResolution(const BakeContext& context, int requested_depth, bool tails, BakeTexture& texture) {
+ImagesOnPatch imagesOnPatch(const BakeContext& context, uint32_t patch) {
+  ImagesOnPatch on;
+  for (size_t half = 0; half < 2; ++half) {
+    const uint32_t triangle = context.own_triangles[patch][half];
+    if (!context.mesh->image_of.empty()) on.image[half] = context.mesh->image_of[triangle];
+    const TriangleCorners t = cornersOf(*context.mesh, triangle);
+    const auto& uv = context.mesh->corner_uv[triangle];
+    const auto& normals = context.normals->ofTriangle(*context.mesh, triangle);
+    const glm::dvec3 e = t.b - t.a, g = t.c - t.a;
+    const double ee = glm::dot(e, e), eg = glm::dot(e, g), gg = glm::dot(g, g), det = ee * gg - eg * eg;
+    const std::array<glm::dvec3, 3> corners = context.cornersOfHalf(patch, half);
+    for (size_t k = 0; k < 3; ++k) {
+      const glm::dvec3 p = corners[k] - t.a;  // within a rounding of the triangle's plane
+      const double b = det > 0 ? (glm::dot(p, e) * gg - glm::dot(p, g) * eg) / det : 0,
+                   c = det > 0 ? (glm::dot(p, g) * ee - glm::dot(p, e) * eg) / det : 0;
+      on.uv[half][k] = glm::dvec2(uv[0]) + b * glm::dvec2(uv[1] - uv[0]) + c * glm::dvec2(uv[2] - uv[0]);
+      const glm::dvec3 normal = (1 - b - c) * glm::dvec3(context.normals->normals[normals[0]]) +
+                                b * glm::dvec3(context.normals->normals[normals[1]]) +
+                                c * glm::dvec3(context.normals->normals[normals[2]]);
+      const bool any = glm::length(normal) > 1e-3;
+      on.normal[half][k] = glm::vec3(glm::normalize(any ? normal : glm::cross(e, g)));
+    }
+  }
+  return on;
+}
+
+bool chooseTextureResolution(const BakeContext& context, const TextureResolutionOptions& options,
+                             BakeTexture& texture) {
+  const int requested_depth = options.requested_depth;
   const double vertices = static_cast<double>(context.mesh->positions_mm.size()),
                patches = static_cast<double>(context.layout.patches);
   const auto is_palette = [](const BakeTexture::Image& image) { return image.palette; };
@@ -160,7 +262,7 @@ bool chooseTextureResolution(const BakeContext& context, int requested_depth, bo
   texture.of_patch.assign(context.layout.patches, {depth, grid_log2, has_palette && !has_image});
   texture.depth = depth;
   // Normals are sampled no more densely there than tails have texels.
-  tails = tails && !texture.planes && requested_depth < 0;
+  const bool tails = options.tails && !texture.planes && requested_depth < 0;
   const bool plain_tails = tails && depth == 0 && plain_grid_log2 <= kTailCellsLog2;
   auto makeTail = [&](uint32_t p) {
     if (plain_tails && isPlain(context, texture, p)) texture.of_patch[p].depth = kNoTexturePage;
@@ -170,11 +272,22 @@ bool chooseTextureResolution(const BakeContext& context, int requested_depth, bo
       const TexelsAcross across = imageTexelsAcross(context, texture, static_cast<uint32_t>(p));
       PatchResolution& r = texture.of_patch[p];
       r.plain = has_palette && !across.shown;
-      if (requested_depth < 0 && across.shown) r.depth = depthFor(across, tails && grid_log2 <= kTailCellsLog2);
+      const bool small = tails && grid_log2 <= kTailCellsLog2;
+      if (requested_depth < 0 && across.shown) r.depth = depthFor(across, small, kMostDepth);
+      if (tails && options.show_images && across.shown && r.depth != kNoTexturePage)
+        r.shown_depth = depthFor(across, small, kMostShownDepth);
       if (!across.shown) makeTail(static_cast<uint32_t>(p));
       r.sample_grid_log2 = std::max(grid_log2, log2Above(across.densest));
     });
     if (!whole) return false;
+    std::vector<ShowingPatch> showing;
+    for (uint32_t p = 0; p < texture.of_patch.size(); ++p) {
+      const int shown_depth = std::exchange(texture.of_patch[p].shown_depth, int{kNoTexturePage});
+      if (shown_depth == kNoTexturePage) continue;
+      if (const auto images = imagesToShow(context, texture, p))
+        showing.push_back({p, static_cast<int8_t>(shown_depth), *images});
+    }
+    chooseShownImages(context, std::move(showing), texture);
     if (requested_depth < 0) texture.depth = deepestOf(texture.of_patch, kMostImageTexels);
   }
   if (!has_image && plain_tails) {
@@ -182,10 +295,13 @@ bool chooseTextureResolution(const BakeContext& context, int requested_depth, bo
                                    [&](size_t p) { makeTail(static_cast<uint32_t>(p)); });
     if (!whole) return false;
   }
+  int shown_depth = 0;
   for (PatchResolution& r : texture.of_patch) {
     r.depth = std::min(r.depth, texture.depth);
     r.sample_grid_log2 = std::min(r.sample_grid_log2, std::countr_zero(texelsASide(r.depth)));
+    shown_depth = std::max(shown_depth, r.shown_depth);
   }
+  texture.depth = std::max(texture.depth, shown_depth);
   return true;
 }
 

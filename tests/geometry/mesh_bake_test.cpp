@@ -1553,6 +1553,100 @@ TEST(MeshBake, fewTexelsOfAnImageAreATails) {
   }
 }
 
+// A scan that is its own base, and shows an image over and over: patches show it themselves, each half affinely.
+TEST(MeshBake, repeatedImagesAreShownByOwnTriangles) {
+  constexpr double kTimesX = 40, kTimesY = 30;
+  TriMesh mesh = sheetMesh(30, 10, 7, 5, [](double x, double) { return 0.5 * std::max(x - 15, 0.0); });
+  for (const auto& t : mesh.triangles) {
+    auto& uv = mesh.corner_uv.emplace_back();
+    for (size_t k = 0; k < 3; ++k)
+      uv[k] = {kTimesX / 30 * mesh.positions_mm[t[k]].x, kTimesY / 10 * mesh.positions_mm[t[k]].y};
+  }
+  auto surface = makeSurface(mesh.positions_mm, mesh.triangles);
+  ASSERT_TRUE(surface.ok());
+  BaseMesh base = facesBase(*surface, 1000);
+  base.cut = true;
+  const std::vector<uint8_t> texels(3 * 64 * 64, 100);
+  const MeshBake::Image image{.width = 64, .height = 64, .texels = texels, .repeats = true};
+  BakeOptions options{.cells_log2 = 3, .fit = false, .touch_mm = 1e-4};
+  options.tail_textures = options.show_images = true;
+  const auto baked = bake(mesh, base, options, {image});
+  ASSERT_TRUE(baked);
+  EXPECT_EQ(baked->shownImages(), std::vector<bool>{true});
+  int deepest = 0;
+  for (uint32_t p = 0; p < base.patches.size(); ++p) {
+    const auto on = baked->imagesOn(p);
+    ASSERT_TRUE(on.has_value()) << p << ": those of one triangle, too";
+    EXPECT_EQ(baked->textureDepthOf(p), kNoTexturePage);
+    deepest = std::max(deepest, on->depth);
+    for (size_t half = 0; half < 2; ++half)
+      for (size_t k = 0; k < 3; ++k) {
+        const glm::dvec3 at(
+            base.corners[base.patches[p][std::array{size_t{0}, half ? size_t{2} : size_t{1}, size_t{3}}[k]]]
+                .position_mm);
+        EXPECT_NEAR(on->uv[half][k].x, kTimesX / 30 * at.x, 1e-4);
+        EXPECT_NEAR(on->uv[half][k].y, kTimesY / 10 * at.y, 1e-4);
+        EXPECT_NEAR(glm::length(on->normal[half][k]), 1, 1e-5);
+        if (std::abs(at.x - 15) < 5) continue;  // a crease
+        EXPECT_NEAR(on->normal[half][k].z, at.x < 15 ? 1 : 1 / std::hypot(1, 0.5), 1e-3);
+      }
+  }
+  EXPECT_EQ(baked->textureDepth(), deepest);
+  EXPECT_EQ(deepest, 2) << "6 x 6 images of 64 texels, at most 1.42 a texel";
+  // Not where it is not asked for, where there are texels for it, or where patches are other than the triangles.
+  options.show_images = false;
+  EXPECT_FALSE(bake(mesh, base, options, {image})->imagesOn(0));
+  options.show_images = true, options.texture_depth = 0;
+  EXPECT_FALSE(bake(mesh, base, options, {image})->imagesOn(0));
+  options.texture_depth = -1, options.touch_mm = 0;
+  EXPECT_FALSE(bake(mesh, base, options, {image})->imagesOn(0));
+  options.touch_mm = 1e-4;
+  const std::vector<uint8_t> many(3 * 2048 * 2048, 100);
+  TriMesh once = mesh;
+  for (auto& uv : once.corner_uv)
+    for (auto& corner : uv) corner *= glm::vec2(1 / kTimesX, 1 / kTimesY);
+  EXPECT_FALSE(bake(once, base, options, {{.width = 2048, .height = 2048, .texels = many}})->imagesOn(0))
+      << "as many texels as the image has";
+  const auto few = bake(once, base, options, {image});
+  EXPECT_EQ(few->shownImages(), std::vector<bool>{false}) << "tails show all of it";
+  // Of an atlas of many triangles patches would have a page each.
+  for (auto& uv : once.corner_uv)
+    for (auto& corner : uv) corner *= 0.9f;
+  const std::vector<uint8_t> atlas(3 * 256 * 256, 100);
+  EXPECT_TRUE(bake(once, base, options, {{.width = 256, .height = 256, .texels = atlas}})->imagesOn(0));
+}
+
+// Sheets that overlap, cut along other diagonals: each patch has the triangles that it was made of.
+TEST(MeshBake, ownTrianglesAreFoundWhereOthersLieOnThem) {
+  TriMesh mesh;
+  mesh.positions_mm = {{0, 0, 0}, {10, 0, 0}, {0, 10, 0}, {10, 10, 0}, {-3, -3, 0}, {6, -3, 0}, {-3, 6, 0}, {6, 6, 0}};
+  mesh.triangles = {{0, 1, 3}, {0, 3, 2}, {4, 5, 6}, {5, 7, 6}};
+  mesh.image_of = {0, 0, 1, 1};
+  for (const auto& t : mesh.triangles) {
+    auto& uv = mesh.corner_uv.emplace_back();
+    for (size_t k = 0; k < 3; ++k) uv[k] = glm::vec2(mesh.positions_mm[t[k]]);
+  }
+  auto surface = makeSurface(mesh.positions_mm, mesh.triangles);
+  ASSERT_TRUE(surface.ok());
+  BaseMesh base = facesBase(*surface, 100);
+  base.cut = true;
+  ASSERT_EQ(base.patches.size(), 2u);
+  const std::vector<uint8_t> texels(3 * 32 * 32, 100);
+  const MeshBake::Image image{.width = 32, .height = 32, .texels = texels, .repeats = true};
+  BakeOptions options{.cells_log2 = 3, .fit = false, .touch_mm = 1e-4};
+  options.tail_textures = options.show_images = true;
+  const auto baked = bake(mesh, base, options, {image, image});
+  ASSERT_TRUE(baked);
+  for (uint32_t p = 0; p < 2; ++p) {
+    const auto on = baked->imagesOn(p);
+    ASSERT_TRUE(on.has_value()) << p;
+    const uint16_t own =
+        base.corners[base.patches[p][0]].position_mm.x == 0 || base.corners[base.patches[p][0]].position_mm.x == 10 ? 0
+                                                                                                                    : 1;
+    EXPECT_EQ(on->image, (std::array<uint16_t, 2>{own, own}));
+  }
+}
+
 // Without an image it is the crease, the border between two plain colours, or many triangles that ask for a page.
 TEST(MeshBake, smoothPatchesOfOneColourAreTails) {
   using Depths = std::vector<int>;

@@ -358,6 +358,15 @@ PageEncoder::PageEncoder(int zstd_level) : impl_(new Impl) {
                     std::max(ZSTD_compressBound(kTexturePageBytes), ZSTD_compressBound(kReliefBytes)));
 }
 
+std::vector<uint8_t> plainTexturePage(std::span<const uint8_t> channels) {
+  assert(channels.size() == kTexturePageBytes);
+  std::vector<uint8_t> out(kTextureHeadBytes + channels.size());
+  out[0] = kRaw;
+  std::fill(out.begin() + 1, out.begin() + kTextureHeadBytes, uint8_t{kNone});
+  std::copy(channels.begin(), channels.end(), out.begin() + kTextureHeadBytes);
+  return out;
+}
+
 PageEncoder::~PageEncoder() {
   ZSTD_freeCCtx(impl_->context);
   delete impl_;

@@ -39,6 +39,9 @@ bool needsTailHeights(std::span<const uint8_t> stored);
 std::vector<uint8_t> emptyReliefPage();  // needs them, and nothing else
 void addTailHeights(std::span<const uint16_t> heights, std::vector<uint8_t>& stored);
 
+// A texture page that is not compressed at all: for pages that are made when they are read.
+std::vector<uint8_t> plainTexturePage(std::span<const uint8_t> channels /* kTexturePageBytes */);
+
 // One per thread: holds the compressor's context and scratch memory.
 class PageEncoder {
  public:

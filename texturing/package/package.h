@@ -87,6 +87,16 @@ class Package final : public PageSource {
   const std::optional<Error>& manifestProblem() const;  // nothing: it is sound
   // What was found damaged on opening, the manifest included; the package works without it.
   const std::vector<std::string>& warnings() const;
+  // Images that patches show (patch_images.h): read() makes the texture pages of those patches, and the manifest's
+  // domain has their levels, which the index does not.
+  struct ShownImages {
+    size_t images = 0;
+    uint32_t patches = 0;
+    uint64_t bytes = 0;  // in the file
+  };
+  ShownImages shownImages() const;
+  // Calls problem(error) for each damaged part of them, as it is found, until *stop is set.
+  void checkImages(const std::function<void(const Error&)>& problem, const std::atomic<bool>* stop = nullptr) const;
   // Bytes of the file as they are.
   Result<void> readBytes(uint64_t offset, std::span<uint8_t> out) const;
   Result<PageRecord> record(PageId id) const;  // thread-safe

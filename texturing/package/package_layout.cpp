@@ -1,6 +1,7 @@
 #include "texturing/package/package_layout.h"
 
 #include "texturing/package/base_code.h"
+#include "texturing/package/crease_gutter.h"
 #include "texturing/package/index_code.h"
 #include "texturing/package/package_base.h"
 #include "texturing/package/package_tails.h"
@@ -99,6 +100,8 @@ constexpr size_t kTexelsField = 2068;
 constexpr size_t kIndexField = 2072;
 // From version 11 on: how the base mesh is interpolated, 1: on halves; in version 12 also 0: not so. Before: 0.
 constexpr size_t kCutField = 2076;
+// From version 13 on: how images that patches show are stored, and where.
+constexpr size_t kImagesField = 2080, kImagesPlaceFields = 2088;
 constexpr size_t kBasisName = 320, kBasisNameBytes = 32, kBasisCounts = 352, kBasisEncodings = 368, kBasisScales = 432;
 static_assert(kBasisEncodings + 2 * kMaxTexturePlanes <= kBasisScales);
 static_assert(kBasisScales + 16 * kMaxCoefficients <= kCompactFields[0]);
@@ -368,6 +371,12 @@ void encodeHeader(const PackageHeader& h, std::span<uint8_t> out) {
   if (h.compact && h.coded_texels) f.put(kTexelsField, 1u);
   if (h.compact && h.coded_index) f.put(kIndexField, h.light_patches ? 2u : 1u);
   if (h.cut_patches) f.put(kCutField, 1u);
+  if (h.showsImages()) {
+    f.put(kImagesField, 1u);
+    f.put(kImagesPlaceFields, h.images_offset);
+    f.put(kImagesPlaceFields + 8, h.images_bytes);
+    f.put(kImagesPlaceFields + 16, h.images_hash);
+  }
   f.put(256, h.relief_detail ? static_cast<uint32_t>(kErrorBlocks) : 0u);
   f.put(260, h.relief_shapes ? 1u : 0u);
   f.put(264, h.base_offset);
@@ -425,9 +434,9 @@ class HeaderDecoder {
                    "make one with `relievo build`", 0};
     }
     version_ = at<uint32_t>(8);
-    if (version_ < 1 || version_ > 12) {
+    if (version_ < 1 || version_ > 13) {
       return Error{ErrorKind::kUnsupported, path_,
-                   "expected package version 1 to 12, found " + std::to_string(version_),
+                   "expected package version 1 to 13, found " + std::to_string(version_),
                    "use a newer relievo, or rebuild the package", 8};
     }
     if (at<uint64_t>(kHeaderBytes - 8) != XXH3_64bits(p_, kHeaderBytes - 8))
@@ -506,6 +515,9 @@ class HeaderDecoder {
     if (const auto kind = at<uint32_t>(kCutField); h_.cut_patches && kind != 1)
       return unsupported(kCutField, "expected a base mesh interpolated by kind 1 in version " +
                                         std::to_string(version_) + ", found " + std::to_string(kind));
+    if (const auto kind = at<uint32_t>(kImagesField); version_ >= 13 && kind != 1)
+      return unsupported(kImagesField, "expected images of kind 1 in version " + std::to_string(version_) + ", found " +
+                                           std::to_string(kind));
     if (at<uint64_t>(272) == 0)
       return invalid(272, "expected a base mesh in version " + std::to_string(version_) + ", found none");
     return {};
@@ -527,6 +539,21 @@ class HeaderDecoder {
     return {};
   }
 
+  // The tails' place is known.
+  Result<void> readImages() {
+    h_.images_offset = at<uint64_t>(kImagesPlaceFields);
+    h_.images_bytes = at<uint64_t>(kImagesPlaceFields + 8);
+    h_.images_hash = at<uint64_t>(kImagesPlaceFields + 16);
+    if (!inside(h_.images_offset, h_.images_bytes))
+      return outside(kImagesPlaceFields, "the images lie", h_.images_offset, h_.images_bytes);
+    if (h_.images_bytes == 0 || h_.images_offset < h_.tilesOffset() || !h_.cut_patches || !h_.texture_depths ||
+        !hasNormals(h_.texture))
+      return invalid(kImagesPlaceFields,
+                     "expected images behind the tails of cut patches with normals, which have "
+                     "texture levels of their own");
+    return {};
+  }
+
   // Nothing to do for a flat artwork.
   Result<void> readBase() {
     if (version_ == 1 || (version_ == 3 && at<uint64_t>(272) == 0)) return {};
@@ -539,6 +566,8 @@ class HeaderDecoder {
     h_.tails_hash = at<uint64_t>(312);
     if (!inside(h_.tails_offset, h_.tails_bytes))
       return outside(296, "the patches' tails lie", h_.tails_offset, h_.tails_bytes);
+    if (version_ >= 13)
+      if (auto read = readImages(); !read) return read;
     const FlatDomain& d = stated_;
     if (const uint64_t expected = tailsDirectoryBytes(d.patchCount());
         h_.tails_bytes != 0 && h_.tails_bytes != expected)

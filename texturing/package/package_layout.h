@@ -72,6 +72,11 @@ struct PackageHeader {
   bool cut_patches = false;
   // Version 12, one of version 8, 10 or 11 whose base mesh is coded by its border (BaseCodeKind::kByBorder).
   bool base_by_border = false;
+  // Version 13, one of version 12 that has images which patches show (patch_images.h): the directory of these, behind
+  // their tiles, which begin where the tails' directory ends.
+  uint64_t images_offset = 0, images_bytes = 0, images_hash = 0;
+  bool showsImages() const { return images_bytes > 0; }
+  uint64_t tilesOffset() const { return tails_offset + tails_bytes; }
   BaseCodeKind baseCodeKind() const {
     return base_by_border ? BaseCodeKind::kByBorder : light_patches ? BaseCodeKind::kBySides : BaseCodeKind::kByCorners;
   }
@@ -83,11 +88,12 @@ struct PackageHeader {
   // The directory of the patches' tails (0 bytes: there are none): package_tails.h.
   uint64_t tails_offset = 0, tails_bytes = 0, tails_hash = 0;
 };
-// 12 to 4 where it is compact; else 3 where the header describes the basis; else 1, or 2 with a base mesh: packages
+// 13 to 4 where it is compact; else 3 where the header describes the basis; else 1, or 2 with a base mesh: packages
 // of those bases stay what they were.
 inline uint32_t packageVersion(const PackageHeader& h) {
   if (h.compact)
-    return h.base_by_border   ? 12
+    return h.showsImages()    ? 13
+           : h.base_by_border ? 12
            : h.cut_patches    ? 11
            : h.light_patches  ? 10
            : h.coded_index    ? 9

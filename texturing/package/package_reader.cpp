@@ -20,6 +20,7 @@
 #include "texturing/package/package_base.h"
 #include "texturing/package/package_layout.h"
 #include "texturing/package/package_tails.h"
+#include "texturing/package/patch_images.h"
 
 namespace relievo {
 namespace {
@@ -47,6 +48,15 @@ struct Package::Impl {
   std::vector<IndexChunk> index_chunks;
   std::optional<Error> index_problem;
   uint64_t detail_offset = 0;
+
+  // Of images that patches show: what the directory says, or why it is not known; and the images that were read.
+  PatchImages images;
+  std::optional<Error> images_problem;
+  struct ReadImage {
+    std::mutex mutex;
+    std::shared_ptr<const ShownImage> image;
+  };
+  mutable std::unique_ptr<ReadImage[]> read_images;
 
   // Parts of the index by their offset, dropped in the order of their arrival beyond kIndexCacheBytes.
   mutable std::mutex mutex;
@@ -164,6 +174,94 @@ struct Package::Impl {
   }
 
   Result<EncodedPage> readPage(const Package& package, PageId id) const;
+
+  Error damagedImages(const std::string& what, uint64_t offset) const {
+    return {ErrorKind::kInvalidData, file.path(), what, "rebuild the package, or get a whole copy", offset};
+  }
+  // Whoever opens a package whose images are damaged sees the tails of patches that show them.
+  void readImagesDirectory() {
+    auto read = [&]() -> Result<PatchImages> {
+      const uint64_t offset = header.images_offset, size = header.images_bytes;
+      // Checked before the allocation: the file may be truncated.
+      if (offset > file.size() || size > file.size() - offset)
+        return damagedImages("the images that patches show lie beyond the end of the file", offset);
+      std::vector<uint8_t> bytes(size);
+      if (auto got = file.read(offset, bytes); !got) return got.error();
+      if (XXH3_64bits(bytes.data(), bytes.size()) != header.images_hash)
+        return damagedImages("the images that patches show are damaged: their directory's checksum does not match",
+                             offset);
+      auto decoded = decodePatchImages(bytes, manifest.base->patches, offset - header.tilesOffset());
+      if (!decoded) return damagedImages(decoded.error().message, offset);
+      return decoded;
+    };
+    auto decoded = read();
+    if (decoded) images = std::move(*decoded);
+    else images_problem = decoded.error();
+    read_images = std::make_unique<ReadImage[]>(images.images.size());
+  }
+  bool showsImages(uint32_t patch) const {
+    return patch < images.of_patch.size() && images.of_patch[patch].depth != kNoTexturePage;
+  }
+  // Calls use(column, row, channels) for each tile, until *stop is set or one is damaged.
+  template <class Use>
+  Result<void> forEachTile(size_t number, PageDecoder& decoder, const std::atomic<bool>* stop, Use&& use) const {
+    const StoredImage& image = images.images[number];
+    uint64_t offset = header.tilesOffset();
+    for (size_t i = 0; i < number; ++i)
+      for (const ImageTile& tile : images.images[i].tiles) offset += tile.size;
+    std::vector<uint8_t> bytes, channels(kTexturePageBytes);
+    for (size_t i = 0; i < image.tiles.size() && !(stop && stop->load()); ++i) {
+      const ImageTile& tile = image.tiles[i];
+      const std::string what = "tile " + std::to_string(i) + " of image " + std::to_string(number);
+      bytes.resize(tile.size);
+      if (auto read = file.read(offset, bytes); !read) return read;
+      if (XXH3_64bits(bytes.data(), bytes.size()) != tile.hash)
+        return damagedImages(what + ": its checksum does not match", offset);
+      if (auto decoded = decoder.decodeTexture(bytes, channels); !decoded)
+        return damagedImages(what + ": " + decoded.error().message, offset);
+      use(static_cast<uint32_t>(i % image.columns()), static_cast<uint32_t>(i / image.columns()), channels);
+      offset += tile.size;
+    }
+    return {};
+  }
+  Result<std::shared_ptr<const ShownImage>> shownImage(size_t number) const {
+    ReadImage& read = read_images[number];
+    std::lock_guard lock(read.mutex);
+    if (read.image) return read.image;
+    const StoredImage& stored = images.images[number];
+    std::vector<uint8_t> rgb(size_t{3} * stored.width * stored.height);
+    PageDecoder decoder;
+    auto pasted = forEachTile(number, decoder, nullptr, [&](uint32_t column, uint32_t row, auto& channels) {
+      pasteTile(stored, column, row, channels, rgb);
+    });
+    if (!pasted) return pasted.error();
+    read.image = std::make_shared<const ShownImage>(
+        SourceImage{static_cast<int>(stored.width), static_cast<int>(stored.height), stored.repeats, rgb});
+    return read.image;
+  }
+  // Of a patch that shows images.
+  Result<EncodedPage> shownPage(PageId id) const {
+    const NodeId node = id.node();
+    const PatchImage& patch = images.of_patch[node.patch];
+    const ShownTexels which{kPageCellsLog2 + static_cast<int>(node.level), int64_t{node.x} * kPagePx - kPageBorderPx,
+                            int64_t{node.y} * kPagePx - kPageBorderPx, kPageFullPx};
+    std::vector<uint8_t> channels(kTexturePageBytes);
+    if (texturePlaneIndex(id.plane()) == 0) {
+      std::array<std::shared_ptr<const ShownImage>, 2> shown;
+      for (size_t half = 0; half < 2; ++half) {
+        auto image = shownImage(patch.image[half]);
+        if (!image) return image.error();
+        shown[half] = std::move(*image);
+      }
+      showImages(patch, {shown[0].get(), shown[1].get()}, which, channels);
+    } else {
+      showNormals(patch, which, channels);
+    }
+    EncodedPage page;
+    page.bytes = plainTexturePage(channels);
+    page.from_tail = page.bytes.size();
+    return page;
+  }
   // Those have no errors, and nothing in the index that says so.
   bool finestOfCompact(const NodeId& node) const {
     return header.compact && static_cast<int>(node.level) == header.domain.relief_depth && layout.relief.contains(node);
@@ -369,6 +467,16 @@ Result<std::shared_ptr<Package>> Package::open(const std::string& path) {
   impl->layout = packageLayout(h);
   if (h.coded_index) impl->readIndexDirectory();
   impl->manifest.domain = h.domain;
+  if (h.showsImages()) {
+    impl->readImagesDirectory();
+    if (impl->images_problem) {
+      impl->warnings.push_back(impl->images_problem->message + "; patches that show them have few texels");
+    } else {
+      TextureDepths depths = *h.domain.textureDepths();
+      for (size_t p = 0; p < depths.size(); ++p) depths[p] = std::max(depths[p], impl->images.of_patch[p].depth);
+      impl->manifest.domain.setTextureDepths(std::make_shared<const TextureDepths>(std::move(depths)));
+    }
+  }
   impl->manifest.texture = h.texture;
   impl->manifest.encodings = h.encodings;
   impl->manifest.size_known = h.size_known;
@@ -401,6 +509,24 @@ Result<void> Package::checkReliefDetail(const NodeId& node) const {
   auto block = impl_->block(tree.find(node));
   if (!block) return block.error();
   return {};
+}
+
+Package::ShownImages Package::shownImages() const {
+  const PackageHeader& h = impl_->header;
+  if (!h.showsImages()) return {};
+  const auto& patches = impl_->images.of_patch;
+  return {impl_->images.images.size(),
+          static_cast<uint32_t>(std::count_if(patches.begin(), patches.end(),
+                                              [](const PatchImage& p) { return p.depth != kNoTexturePage; })),
+          h.images_offset - h.tilesOffset() + h.images_bytes};
+}
+
+void Package::checkImages(const std::function<void(const Error&)>& problem, const std::atomic<bool>* stop) const {
+  if (impl_->images_problem) problem(*impl_->images_problem);
+  PageDecoder decoder;
+  for (size_t i = 0; i < impl_->images.images.size() && !(stop && stop->load()); ++i)
+    if (auto read = impl_->forEachTile(i, decoder, stop, [](uint32_t, uint32_t, auto&) {}); !read)
+      problem(read.error());
 }
 
 bool Package::hasTails() const { return impl_->header.tails_bytes > 0; }
@@ -587,6 +713,9 @@ PageFailures Package::readFailures() const {
 }
 
 Result<EncodedPage> Package::Impl::readPage(const Package& package, PageId id) const {
+  if (isTexturePlane(id.plane()) && texturePlaneIndex(id.plane()) < header.texture.planes() &&
+      showsImages(id.node().patch) && manifest.domain.hasTexturePage(id.node()))
+    return shownPage(id);
   auto found = package.record(id);
   if (!found) return found.error();
   auto failed = [&](std::string what, ErrorKind kind) {
@@ -619,7 +748,7 @@ Result<EncodedPage> Package::Impl::readPage(const Package& package, PageId id) c
 
 Result<PlaneUsage> planeUsage(const Package& package, Plane plane, const std::atomic<bool>* stop) {
   const Manifest& m = package.manifest();
-  PackageLayout layout = packageLayout(m.domain, m.texture, 0, 0);
+  PackageLayout layout = packageLayout(package.header().domain, m.texture, 0, 0);
   PlaneUsage usage;
   std::optional<Error> unreadable;
   (plane == Plane::kRelief ? layout.relief : layout.texture).forEachBlock([&](const IndexLayout::Block& block) {

@@ -81,6 +81,8 @@ std::vector<Section> sectionsOf(const PackageHeader& h) {
   // The tails themselves are checked one by one: they lie from the pages' end to their directory.
   if (const uint64_t pages_end = h.pages_offset + h.pages_bytes; h.tails_bytes > 0 && h.tails_offset >= pages_end)
     sections.push_back({"the patches' tails", pages_end, h.tails_offset - pages_end + h.tails_bytes});
+  if (h.showsImages() && h.images_offset >= h.tilesOffset())
+    sections.push_back({"the images", h.tilesOffset(), h.images_offset - h.tilesOffset() + h.images_bytes});
   std::stable_sort(sections.begin(), sections.end(), [](const Section& a, const Section& b) {
     return a.offset != b.offset ? a.offset < b.offset : a.bytes < b.bytes;
   });

@@ -205,7 +205,7 @@ Result<VerifyReport> verifyPackage(const Package& package, const VerifyOptions& 
     }
   });
   if (threads.empty()) own_worker.emplace();
-  PackageLayout layout = packageLayout(manifest.domain, manifest.texture, 0, 0);
+  PackageLayout layout = packageLayout(header.domain, manifest.texture, 0, 0);
   uint64_t serial = 0;
   for (bool relief : {false, true}) {
     (relief ? layout.relief : layout.texture).forEachBlock([&](const IndexLayout::Block& block) {
@@ -236,6 +236,7 @@ Result<VerifyReport> verifyPackage(const Package& package, const VerifyOptions& 
          false});
   }
   package.checkTails([&](const Error& error) { say(problemOf(error, error.text())); }, options.interrupted);
+  package.checkImages([&](const Error& error) { say(problemOf(error, error.text())); }, options.interrupted);
   if (stop()) return interrupted;
   return report;
 }

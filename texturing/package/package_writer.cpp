@@ -343,6 +343,16 @@ Result<uint64_t> PackageWriter::finish(const std::atomic<bool>* interrupted) {
     if (auto appended = file_.append(directory); !appended) return appended.error();
     offset_ += directory.size();
   }
+  if (!images_.empty()) {
+    tiles_.push_back(std::move(images_));
+    for (const std::vector<uint8_t>& piece : tiles_) {
+      if (auto appended = file_.append(piece); !appended) return appended.error();
+      offset_ += piece.size();
+    }
+    h.images_bytes = tiles_.back().size();
+    h.images_offset = offset_ - h.images_bytes;
+    h.images_hash = encodedHash(tiles_.back());
+  }
   if (!base_.empty()) {
     h.base_copy_offset = offset_;
     h.base_hash = XXH3_64bits(base_.data(), base_.size());

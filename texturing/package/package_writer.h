@@ -206,7 +206,12 @@ class PackageWriter {
   // After the last page: the tails of the next patches, up to kTailsChunkPatches of them, as package_tails.h encodes
   // them.
   Result<void> appendTails(std::span<const uint8_t> chunk);
-  // Directory of tails, index, manifest, base mesh, header; renames. The file's bytes.
+  // Images that patches show (patch_images.h): what their tiles take, one after the other, and the directory of them.
+  void setImages(std::vector<std::vector<uint8_t>> tiles, std::vector<uint8_t> directory) {
+    tiles_ = std::move(tiles);
+    images_ = std::move(directory);
+  }
+  // Directory of tails, images, index, manifest, base mesh, header; renames. The file's bytes.
   Result<uint64_t> finish(const std::atomic<bool>* interrupted);
 
  private:
@@ -222,6 +227,8 @@ class PackageWriter {
   std::vector<uint8_t> index_code_;    // what stands for those of pages, where the header asks for it
   uint64_t offset_ = 0;                // of the next page, or chunk of tails
   std::vector<TailsChunk> tails_;
+  std::vector<std::vector<uint8_t>> tiles_;
+  std::vector<uint8_t> images_;
 };
 
 // Takes `parts` parts, appends them and hands each to accept; progress(part, or null while waiting).

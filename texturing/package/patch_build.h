@@ -18,6 +18,7 @@
 #include "texturing/codec/mip.h"
 #include "texturing/package/package_layout.h"
 #include "texturing/package/package_writer.h"
+#include "texturing/package/patch_images.h"
 #include "texturing/package/patch_source.h"
 #include "texturing/package/patch_tails.h"
 
@@ -69,6 +70,12 @@ struct Context {
   std::vector<uint8_t> corner_texels;  // by patch, level, corner and channel
   std::vector<uint8_t> even;  // 1: the level's channel is its corner's texel everywhere, and not kept otherwise
   TextureDepths texture_depths;
+  // What patches show of images that the package has once (patch_images.h); empty: none does.
+  std::vector<PatchImage> image_of_patch;
+  std::vector<ShownImage> shown_images;
+  bool showsImage(uint32_t patch) const {
+    return !image_of_patch.empty() && image_of_patch[patch].depth != kNoTexturePage;
+  }
   // The corners of patches that meet at corner c of the mesh: at[first[c]] .. at[first[c + 1]], as patch * 4 + corner.
   std::vector<uint32_t> first, at;
 

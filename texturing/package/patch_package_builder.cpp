@@ -146,10 +146,73 @@ void makeRoom(Context& context, const BuildOptions& options) {
   context.corner_texels.resize(context.cornerPlace(patches, kTail, 0));
   context.even.resize(context.levelPlace(patches, kTail));
   context.texture_depths.resize(patches);
-  // Where no level may be left out, all patches have all.
+  // Where no level may be left out, all patches have all levels.
   const bool own = context.header.compact && options.texture_tolerance >= 0;
   for (uint32_t p = 0; p < patches; ++p)
     context.own_depth.push_back(static_cast<int8_t>(own ? context.source.textureDepthOf(p) : d.texture_depth));
+}
+
+// Those of the source, and what patches show of them.
+Result<void> takeImages(Context& context, const BuildOptions& options) {
+  const std::vector<SourceImage> images = context.source.images();
+  if (images.empty()) return {};
+  const PackageHeader& h = context.header;
+  if (!h.base_by_border || !h.cut_patches || options.texture_tolerance < 0 || !hasNormals(h.texture))
+    return usage("patches that show images need a package of version 13");
+  for (const SourceImage& image : images) context.shown_images.emplace_back(image);
+  for (uint32_t p = 0; p < h.domain.patchCount(); ++p) {
+    context.image_of_patch.push_back(context.source.imageOf(p));
+    const PatchImage& patch = context.image_of_patch.back();
+    if (patch.depth == kNoTexturePage) continue;
+    assert(context.own_depth[p] == kTail && patch.depth <= std::min(kMostShownDepth, h.domain.texture_depth) &&
+           std::max(patch.image[0], patch.image[1]) < images.size());
+  }
+  return {};
+}
+
+// The images' tiles and the directory of them, for the writer.
+Result<void> writeImages(const Context& context, const BuildOptions& options, int workers, PackageWriter& writer) {
+  if (context.image_of_patch.empty()) return {};
+  const std::vector<SourceImage> images = context.source.images();
+  const auto tolerances = channelTolerances(context.header.texture, options.texture_tolerance);
+  PatchImages stored;
+  stored.of_patch = context.image_of_patch;
+  struct Place {
+    size_t image;
+    uint32_t column, row;
+  };
+  std::vector<Place> places;
+  for (const SourceImage& image : images) {
+    StoredImage& s = stored.images.emplace_back();
+    s.width = static_cast<uint32_t>(image.width), s.height = static_cast<uint32_t>(image.height);
+    s.repeats = image.repeats;
+    for (uint32_t row = 0; row < s.rows(); ++row)
+      for (uint32_t column = 0; column < s.columns(); ++column)
+        places.push_back({stored.images.size() - 1, column, row});
+  }
+  struct Worker {
+    explicit Worker(int zstd_level) : encoder(zstd_level) {}
+    PageEncoder encoder;
+    std::vector<uint8_t> channels = std::vector<uint8_t>(kTexturePageBytes);
+  };
+  std::vector<std::vector<uint8_t>> tiles(places.size());
+  const bool whole = parallelForWith(
+      places.size(), workers, options.interrupted, [&] { return std::make_unique<Worker>(options.zstd_level); },
+      [&](std::unique_ptr<Worker>& worker, size_t i) {
+        cutTile(images[places[i].image], places[i].column, places[i].row, worker->channels);
+        const PageEncoding encoding = context.header.encodings[0];
+        const auto bytes =
+            encoding.codec == PageCodec::kLossless
+                ? worker->encoder.encodeTextureWithin(worker->channels, std::span(tolerances).first(3), true)
+                : worker->encoder.encodeTexture(worker->channels, encoding);
+        tiles[i].assign(bytes.begin(), bytes.end());
+      });
+  if (!whole) return Error{ErrorKind::kInterrupted, options.output, "interrupted", "nothing was written", {}};
+  for (size_t i = 0; i < tiles.size(); ++i)
+    stored.images[places[i].image].tiles.push_back({static_cast<uint32_t>(tiles[i].size()), encodedHash(tiles[i])});
+  auto directory = encodePatchImages(stored, context.source.base().patches);
+  writer.setImages(std::move(tiles), std::move(directory));
+  return {};
 }
 
 // A worker's share: texels and a coarser level twice, or a level with and without border; heights, errors, and its
@@ -204,6 +267,14 @@ Result<void> makeSpills(Context& context, SpillBudget& spills) {
   return {};
 }
 
+// Where levels may be left out, of the patches' own texels; those of images are nowhere.
+int mostStoredDepth(const PatchSource& source, const PackageHeader& header, const BuildOptions& options) {
+  if (!header.compact || options.texture_tolerance < 0) return header.domain.texture_depth;
+  int depth = 0;
+  for (uint32_t p = 0; p < header.domain.patchCount(); ++p) depth = std::max(depth, source.textureDepthOf(p));
+  return depth;
+}
+
 // Each patch once, by workers of this kind.
 template <class PatchWorker>
 Result<void> passOver(Context& context, const BuildOptions& options, int workers, PackageWriter& writer,
@@ -239,9 +310,10 @@ Result<BuildReport> buildPatchPackage(const PatchSource& source, const BuildOpti
                   header,
                   {},
                   MipFilter(header.texture),
-                  {header.texture.channels(), d.texture_depth},
+                  {header.texture.channels(), mostStoredDepth(source, header, options)},
                   patchNeighbours(source.base())};
   makeRoom(context, options);
+  if (auto taken = takeImages(context, options); !taken) return taken.error();
   listCorners(context);
   const Workforce force = workersThatFit(workerBytes(context), options, patches);
   auto described = forEachPatch(
@@ -280,6 +352,7 @@ Result<BuildReport> buildPatchPackage(const PatchSource& source, const BuildOpti
   if (auto ran = passOver<TextureWriter>(context, options, force.workers, **writer, reporter); !ran) return ran.error();
 
   if (auto written = writeTails(context, options, **writer); !written) return written.error();
+  if (auto written = writeImages(context, options, force.workers, **writer); !written) return written.error();
   auto file_bytes = (*writer)->finish(options.interrupted);
   if (!file_bytes) return file_bytes.error();
   reporter.reportEnd();

@@ -17,6 +17,22 @@
 
 namespace relievo {
 
+// An image that patches show: sRGB, rows from the top, three bytes a texel.
+struct SourceImage {
+  int width = 0, height = 0;
+  bool repeats = false;  // beyond its borders; else these go on
+  std::span<const uint8_t> rgb;
+};
+// Where a patch that is cut lies in images: on each half, to the right of the diagonal and to its left, affinely.
+struct PatchImage {
+  int8_t depth = kNoTexturePage;  // its finest texture level; kNoTexturePage: it shows none
+  std::array<uint16_t, 2> image{};
+  // Of a half's corners (0,0), (1,0) or (0,1), and (1,1): 256ths of a texel from the image's upper left corner; and the
+  // normals there, which are linear between them, byte b for b / 127.5 - 1.
+  std::array<std::array<glm::ivec2, 3>, 2> at{};
+  std::array<std::array<glm::u8vec3, 3>, 2> normal{};
+};
+
 class PatchSource {
  public:
   virtual ~PatchSource() = default;
@@ -27,6 +43,10 @@ class PatchSource {
   // What finer levels of the patch show is what a bilinear filter makes of this one. kNoTexturePage: its tail's texels
   // are all that there is.
   virtual int textureDepthOf(uint32_t /*patch*/) const { return textureDepth(); }
+  // Of patches that show images textureDepthOf() is kNoTexturePage, and texels() are not asked for.
+  // textureDepth() is the largest of all patches, those of PatchImage included.
+  virtual std::vector<SourceImage> images() const { return {}; }
+  virtual PatchImage imageOf(uint32_t /*patch*/) const { return {}; }
   virtual int reliefDepth() const = 0;
   virtual TextureFormat format() const = 0;
   virtual double reliefOffsetMm() const = 0;  // height in mm = offset + q * scale, one range for the artwork

@@ -100,6 +100,15 @@ class TexelKeeper {
   Result<void> finest(uint32_t patch) {
     const int depth = c_.source.textureDepthOf(patch);
     texels_.resize(PatchStore{c_.store.channels, depth}.finestBytes());
+    if (c_.showsImage(patch)) {
+      // Its tail is made of its root page, as others' are.
+      texels_.resize(static_cast<size_t>(c_.store.channels) * kPagePx * kPagePx);
+      const PatchImage& shown = c_.image_of_patch[patch];
+      const ShownTexels which{kPageCellsLog2, 0, 0, size_t{kPagePx}};
+      showImages(shown, {&c_.shown_images[shown.image[0]], &c_.shown_images[shown.image[1]]}, which, texels_);
+      showNormals(shown, which, std::span(texels_).subspan(texels_.size() / 2));
+      return {};
+    }
     if (auto made = c_.source.texels(patch, texels_); !made) return made;
     for (int level = depth; level < c_.own_depth[patch]; ++level) {
       coarse_texels_.swap(texels_);
@@ -222,7 +231,10 @@ class LevelReader {
           creased_[i] = isCrease(own, theirs);
         }
       const uint8_t* in = strip_.data();
-      for (size_t c = 0; c < channels; ++c) {
+      // Of a patch that shows an image there are no such texels as ours: our own colours go on.
+      const size_t first = c_.showsImage(n.patch) ? kNormalChannel : 0;
+      in += first * kGutterPx * side_;
+      for (size_t c = first; c < channels; ++c) {
         for (size_t d = 0; d < kGutterPx; ++d, in += side_) {
           // Texel i along the side, d + 1 texels beyond it.
           const size_t across = s == kLeft || s == kTop ? kPageBorderPx - 1 - d : kPageBorderPx + side_ + d;

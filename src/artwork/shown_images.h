@@ -1,0 +1,16 @@
+// shown_images.h - limits of images that patches show (texturing/package/patch_images.h), which whoever bakes a scan
+// keeps, and who reads a package checks.
+#pragma once
+
+#include <cstdint>
+
+namespace relievo {
+
+inline constexpr int kMostShownDepth = 8;  // the finest texture level of a patch that shows one
+inline constexpr uint32_t kMostShownImages = 65535, kMostShownSide = 16384;  // texels of an image
+// Of all images: they stay in memory once they are read, four bytes a texel with those of coarser levels.
+inline constexpr uint64_t kMostShownTexels = uint64_t{48} << 20;
+// Of a patch's corner in an image, either way: 256ths of a texel.
+inline constexpr int32_t kMostShownPlace = (int32_t{1} << 30) - 1;
+
+}  // namespace relievo

@@ -1,0 +1,463 @@
+// Images that patches show: what is sampled, against the same in real numbers; what a package keeps of them; and what
+// is shown where something of it is damaged.
+#include "texturing/package/patch_images.h"
+
+#include <gtest/gtest.h>
+
+#include <algorithm>
+#include <cmath>
+#include <fstream>
+
+#include "patch_fixture.h"
+#include "src/base/srgb.h"
+#include "tests/view_share.h"
+#include "texturing/package/package.h"
+#include "texturing/package/package_layout.h"
+#include "texturing/package/patch_package_builder.h"
+#include "texturing/package/texture_depths.h"
+
+namespace relievo {
+namespace patch_images_test {
+
+using namespace testing_support;
+
+constexpr uint64_t kSeed = 31;
+
+struct Picture {
+  int width, height;
+  bool repeats;
+  std::vector<uint8_t> rgb;
+  SourceImage source() const { return {width, height, repeats, rgb}; }
+};
+Picture pictureOf(int width, int height, bool repeats, uint64_t seed) {
+  Picture p{width, height, repeats, {}};
+  for (int y = 0; y < height; ++y)
+    for (int x = 0; x < width; ++x)
+      for (int c = 0; c < 3; ++c) {
+        const int noise = static_cast<int>(mixBits(seed + static_cast<uint64_t>(3 * (y * width + x) + c)) % 21);
+        p.rgb.push_back(static_cast<uint8_t>(118 + 90 * std::sin(0.11 * x + c) * std::cos(0.07 * y) + noise));
+      }
+  return p;
+}
+
+// A level in real numbers, mean after mean in linear light; an odd border counts twice.
+struct TrueLevel {
+  int width, height;
+  std::vector<double> rgb;
+};
+TrueLevel halved(const TrueLevel& fine) {
+  TrueLevel out{(fine.width + 1) / 2, (fine.height + 1) / 2, {}};
+  for (int y = 0; y < out.height; ++y)
+    for (int x = 0; x < out.width; ++x)
+      for (int c = 0; c < 3; ++c) {
+        double sum = 0;
+        for (int k = 0; k < 4; ++k) {
+          const int i = std::min(2 * x + k % 2, fine.width - 1), j = std::min(2 * y + k / 2, fine.height - 1);
+          sum += linearFromSrgb(fine.rgb[static_cast<size_t>(3 * (j * fine.width + i) + c)] / 255);
+        }
+        out.rgb.push_back(255 * srgbFromLinear(sum / 4));
+      }
+  return out;
+}
+double bilinear(const TrueLevel& level, bool repeats, double x, double y, int c) {
+  const double i = std::floor(x - 0.5), j = std::floor(y - 0.5), f = x - 0.5 - i, g = y - 0.5 - j;
+  auto at = [&](double px, double py) {
+    auto inside = [&](double v, int n) {
+      const auto k = static_cast<int>(v);
+      return repeats ? ((k % n) + n) % n : std::clamp(k, 0, n - 1);
+    };
+    return level.rgb[static_cast<size_t>(3 * (inside(py, level.height) * level.width + inside(px, level.width)) + c)];
+  };
+  return (at(i, j) * (1 - f) + at(i + 1, j) * f) * (1 - g) + (at(i, j + 1) * (1 - f) + at(i + 1, j + 1) * f) * g;
+}
+
+TEST(PatchImages, SamplesAreBilinearInMeansOfLight) {
+  for (const bool repeats : {false, true}) {
+    const Picture picture = pictureOf(53, 38, repeats, kSeed);
+    const ShownImage image(picture.source());
+    TrueLevel level{picture.width, picture.height, {picture.rgb.begin(), picture.rgb.end()}};
+    for (int k = 0; k < 4; ++k, level = halved(level)) {
+      double largest = 0;
+      int of_finer = 0;
+      for (uint64_t i = 0; i < 2000; ++i) {
+        const auto x = static_cast<int64_t>(mixBits(2 * i) % (53 * 3 * 256)) - 53 * 256,
+                   y = static_cast<int64_t>(mixBits(2 * i + 1) % (38 * 3 * 256)) - 38 * 256;
+        const auto found = image.sample(x, y, k);
+        auto wrapped = [&](int64_t v, int64_t n) {
+          return repeats ? static_cast<double>(((v % (256 * n)) + 256 * n) % (256 * n)) : static_cast<double>(v);
+        };
+        const double px = wrapped(x, 53) / 256 / (1 << k), py = wrapped(y, 38) / 256 / (1 << k);
+        for (int c = 0; c < 3; ++c) {
+          const double off = std::abs(found[static_cast<size_t>(c)] - bilinear(level, repeats, px, py, c));
+          largest = std::max(largest, off);
+          const int other = image.sample(x, y, k + 1)[static_cast<size_t>(c)];
+          of_finer = std::max(of_finer, std::abs(other - found[static_cast<size_t>(c)]));
+        }
+      }
+      // Weights are 256ths, of up to 200 steps between neighbours.
+      EXPECT_LE(largest, 2.2) << "level " << k;
+      EXPECT_GT(of_finer, 8) << "control: levels differ";
+    }
+    EXPECT_EQ(image.sample(0, 0, 100), image.sample(5000, 900, 6)) << "the coarsest is one texel";
+  }
+}
+
+PatchImage somewhere(uint64_t seed, int8_t depth, std::array<uint16_t, 2> images, int extent) {
+  PatchImage p;
+  p.depth = depth;
+  p.image = images;
+  for (size_t half = 0; half < 2; ++half)
+    for (size_t k = 0; k < 3; ++k) {
+      for (int axis = 0; axis < 2; ++axis)
+        p.at[half][k][axis] = static_cast<int32_t>(mixBits(seed + 8 * half + 2 * k + static_cast<uint64_t>(axis)) %
+                                                   static_cast<uint64_t>(256 * extent)) -
+                              128 * extent;
+      const glm::dvec3 n = glm::normalize(glm::dvec3(0.2 * static_cast<double>(k) - 0.3, half ? 0.8 : -0.8, 0.7));
+      p.normal[half][k] = glm::u8vec3(glm::round(127.5 * (n + 1.0)));
+    }
+  return p;
+}
+
+TEST(PatchImages, HalvesAreAffineAndGoOnBeyondThePatch) {
+  const Picture a = pictureOf(70, 50, true, 1), b = pictureOf(40, 90, false, 2);
+  const ShownImage image_a(a.source()), image_b(b.source());
+  const PatchImage patch = somewhere(kSeed, 1, {0, 1}, 60);
+  const ShownTexels which{8, -4, 120, 136};
+  std::vector<uint8_t> out(3 * 136 * 136), normals(out.size());
+  showImages(patch, {&image_a, &image_b}, which, out);
+  showNormals(patch, which, normals);
+  const std::array<const Picture*, 2> pictures{&a, &b};
+  double largest = 0, furthest_normal = 0, other_half = 0;
+  for (int j = 0; j < 136; ++j)
+    for (int i = 0; i < 136; ++i) {
+      const double u = (i - 4 + 0.5) / 256, v = (j + 120 + 0.5) / 256;
+      for (const size_t half : {size_t{v > u}, size_t{v <= u}}) {
+        const bool own = half == size_t{v > u};
+        const double along = half ? v : u, across = half ? u : v;
+        const glm::dvec2 at =
+            (glm::dvec2(patch.at[half][0]) * (1 - along) + glm::dvec2(patch.at[half][1]) * (along - across) +
+             glm::dvec2(patch.at[half][2]) * across) /
+            256.0;
+        const Picture& p = *pictures[half];
+        const TrueLevel level{p.width, p.height, {p.rgb.begin(), p.rgb.end()}};
+        const glm::dvec2 size(p.width, p.height), place = p.repeats ? at - size * glm::floor(at / size) : at;
+        auto byte = [&](size_t k) { return glm::dvec3(patch.normal[half][k]) / 127.5 - 1.0; };
+        const glm::dvec3 normal = glm::normalize(byte(0) * (1 - along) + byte(1) * (along - across) + byte(2) * across);
+        for (int c = 0; c < 3; ++c) {
+          const size_t texel = static_cast<size_t>((c * 136 + j) * 136 + i);
+          const double off = std::abs(out[texel] - bilinear(level, p.repeats, place.x, place.y, c));
+          if (!own) other_half = std::max(other_half, off);
+          else largest = std::max(largest, off);
+          if (own) furthest_normal = std::max(furthest_normal, std::abs(normals[texel] - 127.5 * (normal[c] + 1)));
+        }
+      }
+    }
+  EXPECT_EQ(shownLevel(patch, 0, 8), 0);
+  EXPECT_LE(largest, 3) << "places and weights are 256ths";
+  EXPECT_LE(furthest_normal, 0.51);
+  EXPECT_GT(other_half, 50) << "control";
+}
+
+TEST(PatchImages, ALevelHasTexelsAboutAsLongAsThePatchs) {
+  PatchImage patch;
+  for (const auto& [texels, side_log2, level] : {std::array{128, 7, 0},
+                                                 {191, 7, 0},
+                                                 {193, 7, 1},
+                                                 {383, 7, 1},
+                                                 {385, 7, 2},
+                                                 {4000, 7, 5},
+                                                 {4000, 10, 2},
+                                                 {4000, 12, 0},
+                                                 {4194303, 4, 18}}) {
+    for (const int axis : {0, 1})
+      for (const size_t k : {size_t{1}, size_t{2}}) {
+        patch.at[1] = {};
+        patch.at[1][k][axis] = 256 * texels;
+        if (k == 1) patch.at[1][2] = patch.at[1][1];
+        EXPECT_EQ(shownLevel(patch, 1, side_log2), level) << texels;
+        EXPECT_EQ(shownLevel(patch, 0, side_log2), 0) << "the other half";
+      }
+  }
+}
+
+TEST(PatchImages, TilesMakeTheImage) {
+  for (const auto& [width, height] : {std::pair{128, 128}, {1, 1}, {129, 300}, {260, 127}}) {
+    const Picture picture = pictureOf(width, height, false, kSeed);
+    StoredImage stored{static_cast<uint32_t>(width), static_cast<uint32_t>(height), false, {}};
+    std::vector<uint8_t> channels(kTexturePageBytes), rgb(picture.rgb.size());
+    for (uint32_t row = 0; row < stored.rows(); ++row)
+      for (uint32_t column = 0; column < stored.columns(); ++column) {
+        cutTile(picture.source(), column, row, channels);
+        EXPECT_EQ(channels[0], channels[4 * kPageFullPx + 4]) << "borders repeat the tile's own texels";
+        pasteTile(stored, column, row, channels, rgb);
+      }
+    EXPECT_EQ(rgb, picture.rgb) << width << " x " << height;
+  }
+}
+
+// ---- the directory ----
+PatchImages someImages(const BaseMesh& base) {
+  PatchImages all;
+  all.images = {{200, 90, true, {{100, 1}, {7, 2}}}, {128, 129, false, {{1, 3}, {40'000, 4}}}};
+  for (uint32_t p = 0; p < base.patches.size(); ++p) {
+    const uint16_t first = p % 2, second = p / 2 % 2;
+    all.of_patch.push_back(p % 3 == 0 ? PatchImage{}
+                                      : somewhere(p, static_cast<int8_t>(p % 9), {first, second}, 1 << (p % 22)));
+  }
+  all.of_patch[1].at[0][0] = {kMostShownPlace, -kMostShownPlace};
+  return all;
+}
+constexpr uint64_t kTileBytes = 100 + 7 + 1 + 40'000;
+
+bool same(const PatchImages& a, const PatchImages& b) {
+  if (a.images.size() != b.images.size() || a.of_patch.size() != b.of_patch.size()) return false;
+  for (size_t i = 0; i < a.images.size(); ++i) {
+    const StoredImage &x = a.images[i], &y = b.images[i];
+    if (x.width != y.width || x.height != y.height || x.repeats != y.repeats || x.tiles.size() != y.tiles.size())
+      return false;
+    for (size_t t = 0; t < x.tiles.size(); ++t)
+      if (x.tiles[t].size != y.tiles[t].size || x.tiles[t].hash != y.tiles[t].hash) return false;
+  }
+  for (size_t p = 0; p < a.of_patch.size(); ++p) {
+    const PatchImage &x = a.of_patch[p], &y = b.of_patch[p];
+    if (x.depth != y.depth) return false;
+    if (x.depth != kNoTexturePage && (x.image != y.image || x.at != y.at || x.normal != y.normal)) return false;
+  }
+  return true;
+}
+
+TEST(PatchImages, TheDirectoryIsWithoutLoss) {
+  const BaseMesh base = cubeSphere(3, 10, kSeed);
+  const PatchImages all = someImages(base);
+  const auto bytes = encodePatchImages(all, base.patches);
+  const auto decoded = decodePatchImages(bytes, base.patches, kTileBytes);
+  ASSERT_TRUE(decoded.ok()) << decoded.error().text();
+  EXPECT_TRUE(same(all, *decoded));
+}
+
+TEST(PatchImages, ADirectoryOfAnythingIsOneOrAnError) {
+  const BaseMesh base = cubeSphere(2, 10, kSeed);
+  const PatchImages all = someImages(base);
+  const auto refused = [&](const PatchImages& images, uint64_t tile_bytes, const char* why) {
+    const auto decoded = decodePatchImages(encodePatchImages(images, base.patches), base.patches, tile_bytes);
+    EXPECT_FALSE(decoded.ok()) << why;
+    if (!decoded) {
+      EXPECT_EQ(decoded.error().kind, ErrorKind::kInvalidData);
+    }
+  };
+  refused(all, kTileBytes - 1, "tiles of more bytes than there are");
+  PatchImages wrong = all;
+  wrong.images[0].width = kMostShownSide + 1;
+  refused(wrong, kTileBytes, "too wide");
+  wrong = all;
+  wrong.images[1].height = 0;
+  refused(wrong, kTileBytes, "no row");
+  wrong = all;
+  wrong.images[0].width = wrong.images[0].height = kMostShownSide;
+  refused(wrong, kTileBytes, "too many texels");
+  wrong = all;
+  wrong.images[0].tiles[0].size = 0;
+  refused(wrong, kTileBytes - 100, "a tile of no bytes");
+  wrong = all;
+  wrong.of_patch[1].image[1] = 1;
+  wrong.images.pop_back();
+  refused(wrong, 107, "an image that is not there");
+  wrong = all;
+  wrong.of_patch[4].depth = kMostShownDepth + 1;
+  refused(wrong, kTileBytes, "too deep");
+  wrong = all;
+  wrong.of_patch[1].at[1][2].x = kMostShownPlace + 1;
+  refused(wrong, kTileBytes, "too far outside");
+  const auto bytes = encodePatchImages(all, base.patches);
+  int sound = 0;
+  for (uint64_t i = 0; i < 4000; ++i) {
+    std::vector<uint8_t> damaged = bytes;
+    damaged[mixBits(3 * i) % bytes.size()] = static_cast<uint8_t>(mixBits(3 * i + 1));
+    if (i % 3 == 0) damaged.resize(mixBits(3 * i + 2) % bytes.size());
+    sound += decodePatchImages(damaged, base.patches, kTileBytes).ok();
+  }
+  EXPECT_LT(sound, 4000);
+}
+
+// ---- packages ----
+// A third of the patches shows images, at levels 0 to 2; the others have noise at level 0.
+class ShowingPatches final : public NoisyPatches {
+ public:
+  ShowingPatches()
+      : NoisyPatches(cut(cubeSphere(2, 100, kSeed)), 0, 0, kSeed),
+        pictures_{pictureOf(300, 200, true, 5), pictureOf(64, 130, false, 6)} {}
+  int textureDepth() const override { return 2; }
+  int textureDepthOf(uint32_t patch) const override { return patch % 3 == 0 ? kNoTexturePage : 0; }
+  std::vector<SourceImage> images() const override { return {pictures_[0].source(), pictures_[1].source()}; }
+  PatchImage imageOf(uint32_t patch) const override {
+    if (patch % 3 != 0) return {};
+    const uint16_t second = patch % 2;
+    return somewhere(patch, static_cast<int8_t>(patch / 3 % 3), {0, second}, 100 << (patch / 3 % 3));
+  }
+  uint16_t height(uint32_t, int, int) const override { return 27'306; }
+
+ private:
+  static BaseMesh cut(BaseMesh base) {
+    base.cut = true;
+    return base;
+  }
+  std::vector<Picture> pictures_;
+};
+
+BuildOptions optionsOf(const std::string& path) {
+  BuildOptions options;
+  options.output = path;
+  options.workers = 2;
+  options.texture_tolerance = kTextureTolerance;
+  options.tool_version = "test";
+  return options;
+}
+
+std::vector<uint8_t> channelsOf(const EncodedPage& page) {
+  std::vector<uint8_t> channels(kTexturePageBytes);
+  PageDecoder decoder;
+  EXPECT_TRUE(decoder.decodeTexture(page.bytes, channels).ok());
+  return channels;
+}
+
+TEST(PatchImages, PagesOfAPackageAreWhatItsImagesShow) {
+  ScratchFolder folder;
+  const ShowingPatches source;
+  const std::string path = folder.file("a.relievo");
+  const auto done = buildPatchPackage(source, optionsOf(path));
+  ASSERT_TRUE(done.ok()) << done.error().text();
+  auto opened = Package::open(path);
+  ASSERT_TRUE(opened.ok()) << opened.error().text();
+  const Package& package = **opened;
+  EXPECT_TRUE(package.warnings().empty());
+  EXPECT_EQ(packageVersion(package.header()), 13u);
+  const auto shown = package.shownImages();
+  EXPECT_EQ(shown.images, 2u);
+  EXPECT_EQ(shown.patches, 8u);
+  const auto report = verifyPackage(package, 2, nullptr);
+  ASSERT_TRUE(report.ok());
+  EXPECT_TRUE(report->damaged.empty() && report->other.empty());
+  const PatchDomain& domain = package.manifest().domain;
+  const std::vector<SourceImage> sources = source.images();
+  const ShownImage first(sources[0]), second(sources[1]);
+  int furthest = 0, pages = 0;
+  for (uint32_t p = 0; p < domain.patchCount(); p += 3) {
+    const PatchImage patch = source.imageOf(p);
+    ASSERT_EQ(domain.textureDepthOf(p), patch.depth);
+    EXPECT_EQ(package.header().domain.textureDepthOf(p), kNoTexturePage) << "the index has none of them";
+    for (uint32_t level = 0; static_cast<int>(level) <= patch.depth; ++level)
+      for (uint32_t k = 0; k < 1u << (2 * level); ++k, ++pages) {
+        const NodeId node{p, level, k % (1u << level), k >> level};
+        const ShownTexels which{7 + static_cast<int>(level), int64_t{node.x} * 128 - 4, int64_t{node.y} * 128 - 4, 136};
+        std::vector<uint8_t> expected(kTexturePageBytes);
+        showImages(patch, {&first, patch.image[1] == 0 ? &first : &second}, which, expected);
+        auto page = package.read(PageId(texturePlane(0), node));
+        ASSERT_TRUE(page.ok()) << page.error().text();
+        EXPECT_EQ(page->storedBytes(), 0u) << "nothing is read for it";
+        const auto found = channelsOf(*page);
+        for (size_t i = 0; i < found.size(); ++i) furthest = std::max(furthest, std::abs(found[i] - expected[i]));
+        showNormals(patch, which, expected);
+        auto normals = package.read(PageId(texturePlane(1), node));
+        ASSERT_TRUE(normals.ok());
+        EXPECT_EQ(channelsOf(*normals), expected);
+      }
+    EXPECT_FALSE(package.read(PageId(texturePlane(0), {p, static_cast<uint32_t>(patch.depth) + 1, 0, 0})).ok());
+  }
+  EXPECT_EQ(pages, 3 * 1 + 3 * 5 + 2 * 21);
+  EXPECT_LE(furthest, static_cast<int>(kTextureTolerance) + 1) << "images are kept within the tolerance";
+  // Tails are those of root pages.
+  const PatchTails tails = package.tails(1, nullptr);
+  double sum = 0;
+  for (uint32_t p = 0; p < domain.patchCount(); p += 3) {
+    const auto root = channelsOf(*package.read(PageId(texturePlane(0), {p, 0, 0, 0})));
+    for (int y = 0; y < 16; ++y)
+      for (int x = 0; x < 16; ++x) {
+        double light = 0;
+        for (int k = 0; k < 64; ++k)
+          light += linearFromSrgb(root[static_cast<size_t>((4 + 8 * y + k / 8) * 136 + 4 + 8 * x + k % 8)] / 255.0);
+        sum += std::abs(tails.level(p, 0, 0)[16 * y + x] - 255 * srgbFromLinear(light / 64));
+      }
+  }
+  EXPECT_LT(sum / (8 * 256), 2.5) << "texels of tails are rounded";
+}
+
+TEST(PatchImages, BesideThemOwnColoursGoOn) {
+  ScratchFolder folder;
+  const ShowingPatches source;
+  ASSERT_TRUE(buildPatchPackage(source, optionsOf(folder.file("a.relievo"))).ok());
+  auto package = *Package::open(folder.file("a.relievo"));
+  const auto neighbours = patchNeighbours(source.base());
+  double beside = 0, apart = 1e9;
+  for (uint32_t p = 0; p < 24; ++p) {
+    if (p % 3 == 0) continue;
+    const auto page = channelsOf(*package->read(PageId(texturePlane(0), {p, 0, 0, 0})));
+    double differs = 0;
+    for (size_t y = 40; y < 100; ++y) differs += std::abs(page[y * 136 + 3] - page[y * 136 + 4]) / 60.0;
+    if (neighbours[p][kLeft].patch % 3 == 0) beside = std::max(beside, differs);
+    else apart = std::min(apart, differs);
+  }
+  EXPECT_LE(beside, 2) << "but for the tolerance";
+  EXPECT_GT(apart, 10) << "control: others' colours are noise";
+}
+
+TEST(PatchImages, WhatIsDamagedIsFoundAndTheRestIsShown) {
+  ScratchFolder folder;
+  const ShowingPatches source;
+  const std::string path = folder.file("a.relievo");
+  ASSERT_TRUE(buildPatchPackage(source, optionsOf(path)).ok());
+  const PackageHeader h = (*Package::open(path))->header();
+  auto damage = [&](uint64_t offset) {
+    const std::string copy = folder.file("b.relievo");
+    std::filesystem::copy_file(path, copy, std::filesystem::copy_options::overwrite_existing);
+    std::fstream file(copy, std::ios::in | std::ios::out | std::ios::binary);
+    file.seekg(static_cast<std::streamoff>(offset));
+    const char byte = static_cast<char>(file.get() ^ 0x55);
+    file.seekp(static_cast<std::streamoff>(offset));
+    file.put(byte);
+    file.close();
+    return *Package::open(copy);
+  };
+  auto others = [](const Package& package) {
+    const auto report = verifyPackage(package, 1, nullptr);
+    return report.ok() ? report->other : std::vector<std::string>{"none"};
+  };
+  const PageId shown(texturePlane(0), {0, 0, 0, 0}), stored(texturePlane(0), {1, 0, 0, 0});
+  const auto tile = damage(h.tilesOffset() + 20);
+  ASSERT_EQ(others(*tile).size(), 1u);
+  EXPECT_NE(others(*tile)[0].find("tile 0 of image 0: its checksum does not match"), std::string::npos);
+  const auto page = tile->read(shown);
+  ASSERT_FALSE(page.ok());
+  EXPECT_EQ(page.error().kind, ErrorKind::kInvalidData);
+  EXPECT_TRUE(tile->read(stored).ok());
+  const auto directory = damage(h.images_offset + 30);
+  ASSERT_EQ(directory->warnings().size(), 1u);
+  EXPECT_NE(directory->warnings()[0].find("directory's checksum does not match"), std::string::npos);
+  EXPECT_EQ(directory->manifest().domain.textureDepthOf(0), kNoTexturePage) << "its tail is shown";
+  EXPECT_FALSE(directory->read(shown).ok());
+  EXPECT_TRUE(directory->read(stored).ok());
+  EXPECT_EQ(others(*directory).size(), 1u);
+  // Cut off before the images.
+  const std::string cut = folder.file("c.relievo");
+  std::filesystem::copy_file(path, cut);
+  std::filesystem::resize_file(cut, h.tilesOffset() + 10);
+  auto opened = Package::open(cut);
+  ASSERT_TRUE(opened.ok()) << opened.error().text();
+  EXPECT_FALSE((*opened)->read(shown).ok());
+  EXPECT_TRUE((*opened)->read(stored).ok());
+}
+
+TEST(PatchImages, NeedAPackageThatHasThem) {
+  ScratchFolder folder;
+  const ShowingPatches source;
+  for (const int left_out : {0, 1}) {
+    BuildOptions options = optionsOf(folder.file("a.relievo"));
+    if (left_out == 0) options.base_by_border = false;
+    else options.texture_tolerance = -1;
+    const auto done = buildPatchPackage(source, options);
+    ASSERT_FALSE(done.ok());
+    EXPECT_EQ(done.error().kind, ErrorKind::kUsage);
+  }
+}
+
+}  // namespace patch_images_test
+}  // namespace relievo

@@ -1,0 +1,384 @@
+#include "texturing/package/patch_images.h"
+
+#include <zstd.h>
+
+#include <algorithm>
+#include <cassert>
+#include <cmath>
+#include <cstring>
+#include <string>
+
+#include "src/artwork/basis.h"
+#include "texturing/codec/mip.h"
+#include "texturing/codec/page_codec.h"
+#include "texturing/package/package_layout.h"
+
+namespace relievo {
+namespace {
+
+constexpr int kZstdLevel = 19;
+constexpr int kPlaceLog2 = 8;  // PatchImage::at counts 256ths of texels
+constexpr size_t kImageHeadBytes = 9, kTileBytes = 12, kPatchBytes = 1, kHalvesBytes = 2 * 2,
+                 kPlacesBytes = 2 * 3 * (8 + 3);
+
+int64_t modulo(int64_t v, int64_t n) {
+  const int64_t rest = v % n;
+  return rest < 0 ? rest + n : rest;
+}
+
+// Corner of the base mesh behind PatchImage::at[half][k].
+uint32_t cornerAt(const std::array<uint32_t, 4>& patch, size_t half, size_t k) {
+  return patch[k == 0 ? 0 : k == 2 ? 3 : half == 0 ? 1 : 2];
+}
+
+// Places and normals are predicted: by what the last half before has at this corner of the base mesh, places only if it
+// shows the same image; else by the last place before in that image, at first 0, and the last normal before, at first
+// 0.
+class CornerPredictor {
+ public:
+  CornerPredictor(size_t corners, size_t images) : of_corner_(corners), last_(images, glm::ivec2(0)) {}
+  // place(expected, there) and normal(expected, there) are told what is predicted and answer with what is there.
+  template <class Place, class Normal>
+  void run(PatchCornersOf corners, std::span<PatchImage> patches, Place&& place, Normal&& normal) {
+    for (size_t p = 0; p < patches.size(); ++p) {
+      PatchImage& patch = patches[p];
+      if (patch.depth == kNoTexturePage) continue;
+      for (size_t half = 0; half < 2; ++half)
+        for (size_t k = 0; k < 3; ++k) {
+          Known& known = of_corner_[cornerAt(corners[p], half, k)];
+          glm::ivec2& last = last_[patch.image[half]];
+          patch.at[half][k] = last = place(known.image == patch.image[half] ? known.at : last, patch.at[half][k]);
+          patch.normal[half][k] = last_normal_ =
+              normal(known.image >= 0 ? known.normal : last_normal_, patch.normal[half][k]);
+          known = {patch.image[half], last, last_normal_};
+        }
+    }
+  }
+
+ private:
+  struct Known {
+    int32_t image = -1;
+    glm::ivec2 at{0};
+    glm::u8vec3 normal{0};
+  };
+  std::vector<Known> of_corner_;
+  glm::u8vec3 last_normal_{0};
+  std::vector<glm::ivec2> last_;  // by image
+};
+
+size_t cornersOf(PatchCornersOf patches) {
+  uint32_t most = 0;
+  for (const auto& patch : patches) most = std::max(most, *std::max_element(patch.begin(), patch.end()));
+  return size_t{most} + 1;
+}
+
+uint32_t folded(int32_t v) { return (static_cast<uint32_t>(v) << 1) ^ static_cast<uint32_t>(v >> 31); }
+int32_t unfolded(uint32_t v) { return static_cast<int32_t>(v >> 1) ^ -static_cast<int32_t>(v & 1); }
+// Modulo 2^32.
+int32_t plus(int32_t a, int32_t b) { return static_cast<int32_t>(static_cast<uint32_t>(a) + static_cast<uint32_t>(b)); }
+int32_t minus(int32_t a, int32_t b) {
+  return static_cast<int32_t>(static_cast<uint32_t>(a) - static_cast<uint32_t>(b));
+}
+
+Error damaged(const std::string& what) {
+  return {ErrorKind::kInvalidData,
+          "",
+          "the images that patches show are damaged: " + what,
+          "rebuild the package, or get a whole copy",
+          {}};
+}
+
+}  // namespace
+
+ShownImage::ShownImage(const SourceImage& image) : width_(image.width), height_(image.height), repeats_(image.repeats) {
+  const MipFilter mip(TextureFormat{.basis = Basis::kColour});
+  levels_.push_back({width_, height_, {image.rgb.begin(), image.rgb.end()}});
+  std::vector<uint16_t> fine, coarse;  // channel after channel
+  // from(channel, texel): of the level so far.
+  auto halve = [&](auto from) {
+    const int64_t width = levels_.back().width, height = levels_.back().height;
+    const int64_t even_width = (width + 1) / 2 * 2, even_height = (height + 1) / 2 * 2;
+    using Texel = decltype(from(0, 0));
+    std::vector<Texel> even;  // the last row and column are repeated
+    even.reserve(static_cast<size_t>(3 * even_width * even_height));
+    for (int64_t c = 0; c < 3; ++c)
+      for (int64_t y = 0; y < even_height; ++y)
+        for (int64_t x = 0; x < even_width; ++x)
+          even.push_back(from(c, std::min(y, height - 1) * width + std::min(x, width - 1)));
+    Level level{even_width / 2, even_height / 2, {}};
+    const auto texels = static_cast<size_t>(level.width * level.height);
+    coarse.resize(3 * texels);
+    mip.downsample(even.data(), static_cast<int>(even_width), static_cast<int>(even_height), coarse.data());
+    level.rgb.resize(coarse.size());
+    for (size_t c = 0; c < 3; ++c)
+      for (size_t i = 0; i < texels; ++i) level.rgb[3 * i + c] = byteFromLevel(coarse[c * texels + i]);
+    levels_.push_back(std::move(level));
+    fine.swap(coarse);
+  };
+  while (levels_.back().width > 1 || levels_.back().height > 1) {
+    const Level& last = levels_.back();
+    const int64_t texels = last.width * last.height;
+    if (fine.empty()) halve([&](int64_t c, int64_t texel) { return image.rgb[static_cast<size_t>(3 * texel + c)]; });
+    else halve([&](int64_t c, int64_t texel) { return fine[static_cast<size_t>(c * texels + texel)]; });
+  }
+}
+
+std::array<uint8_t, 3> ShownImage::sample(int64_t x, int64_t y, int level) const {
+  const auto k = std::min(static_cast<size_t>(level), levels_.size() - 1);
+  const Level& l = levels_[k];
+  struct Axis {
+    int64_t low, high, to_high;
+  };
+  auto axis = [&](int64_t at, int64_t extent, int64_t of_level) {
+    if (repeats_) at = modulo(at, extent << kPlaceLog2);
+    const int64_t middle = (at >> k) - (int64_t{1} << (kPlaceLog2 - 1)), low = middle >> kPlaceLog2;
+    auto inside = [&](int64_t i) { return repeats_ ? modulo(i, of_level) : std::clamp<int64_t>(i, 0, of_level - 1); };
+    return Axis{inside(low), inside(low + 1), middle & ((int64_t{1} << kPlaceLog2) - 1)};
+  };
+  const Axis u = axis(x, width_, l.width), v = axis(y, height_, l.height);
+  const uint8_t *above = l.rgb.data() + 3 * v.low * l.width, *below = l.rgb.data() + 3 * v.high * l.width;
+  constexpr int64_t kWhole = int64_t{1} << kPlaceLog2;
+  std::array<uint8_t, 3> out;
+  for (int64_t c = 0; c < 3; ++c) {
+    const int64_t top = above[3 * u.low + c] * (kWhole - u.to_high) + above[3 * u.high + c] * u.to_high,
+                  bottom = below[3 * u.low + c] * (kWhole - u.to_high) + below[3 * u.high + c] * u.to_high;
+    out[static_cast<size_t>(c)] = static_cast<uint8_t>(
+        (top * (kWhole - v.to_high) + bottom * v.to_high + kWhole * kWhole / 2) >> (2 * kPlaceLog2));
+  }
+  return out;
+}
+
+int shownLevel(const PatchImage& patch, size_t half, int side_log2) {
+  const auto& at = patch.at[half];
+  uint64_t longest = 0;  // squared, of a patch's side, in 256ths of a texel
+  for (const auto& [from, to] : {std::pair{0, 1}, {1, 2}}) {
+    const int64_t x = int64_t{at[to].x} - at[from].x, y = int64_t{at[to].y} - at[from].y;
+    longest = std::max(longest, static_cast<uint64_t>(x * x) + static_cast<uint64_t>(y * y));
+  }
+  // (3/2)^2 (256 2^side_log2)^2 at level 0.
+  int level = 0;
+  for (int bits = 2 * (kPlaceLog2 - 1 + side_log2); bits < 60 && longest > uint64_t{9} << bits; bits += 2) ++level;
+  return level;
+}
+
+namespace {
+
+// Calls use(texel, half, along, across) for each: twice the distance, in texels, from a half's corner (0,0) towards its
+// next one, and from there towards (1,1).
+template <class Use>
+void forEachTexel(const ShownTexels& which, Use&& use) {
+  for (size_t j = 0; j < which.count; ++j)
+    for (size_t i = 0; i < which.count; ++i) {
+      const int64_t u = 2 * (which.x0 + static_cast<int64_t>(i)) + 1, v = 2 * (which.y0 + static_cast<int64_t>(j)) + 1;
+      const size_t half = v > u;
+      use(j * which.count + i, half, half ? v : u, half ? u : v);
+    }
+}
+
+}  // namespace
+
+void showImages(const PatchImage& patch, const std::array<const ShownImage*, 2>& images, const ShownTexels& which,
+                std::span<uint8_t> out) {
+  const size_t plane = which.count * which.count;
+  assert(out.size() >= 3 * plane);
+  const std::array<int, 2> levels{shownLevel(patch, 0, which.side_log2), shownLevel(patch, 1, which.side_log2)};
+  forEachTexel(which, [&](size_t texel, size_t half, int64_t along, int64_t across) {
+    const auto& at = patch.at[half];
+    auto place = [&](int axis) {
+      const int64_t a = at[0][axis], b = at[1][axis], c = at[2][axis];
+      return a + (((b - a) * along + (c - b) * across) >> (which.side_log2 + 1));
+    };
+    const auto rgb = images[half]->sample(place(0), place(1), levels[half]);
+    for (size_t c = 0; c < 3; ++c) out[c * plane + texel] = rgb[c];
+  });
+}
+
+void showNormals(const PatchImage& patch, const ShownTexels& which, std::span<uint8_t> out) {
+  const size_t plane = which.count * which.count;
+  assert(out.size() >= 3 * plane);
+  forEachTexel(which, [&](size_t texel, size_t half, int64_t along, int64_t across) {
+    const auto& at = patch.normal[half];
+    std::array<double, 3> n;  // whole numbers below 2^26: sums of their squares are exact
+    for (int axis = 0; axis < 3; ++axis) {
+      auto twice = [&](size_t k) { return 2 * int64_t{at[k][axis]} - 255; };
+      n[static_cast<size_t>(axis)] = static_cast<double>(
+          (twice(0) << (which.side_log2 + 1)) + (twice(1) - twice(0)) * along + (twice(2) - twice(1)) * across);
+    }
+    const double length = std::sqrt(n[0] * n[0] + n[1] * n[1] + n[2] * n[2]);
+    for (size_t c = 0; c < 3; ++c)
+      out[c * plane + texel] =
+          length > 0 ? static_cast<uint8_t>(std::floor(127.5 * (n[c] / length) + 128)) : uint8_t{128};
+  });
+}
+
+void cutTile(const SourceImage& image, uint32_t column, uint32_t row, std::span<uint8_t> channels) {
+  assert(channels.size() == kTexturePageBytes);
+  auto inside = [](int texel, uint32_t tile, int extent) {
+    const int in_tile = std::clamp(texel - kPageBorderPx, 0, kPagePx - 1);
+    return std::min(static_cast<int>(tile) * kPagePx + in_tile, extent - 1);
+  };
+  uint8_t* to = channels.data();
+  for (size_t c = 0; c < 3; ++c)
+    for (int y = 0; y < kPageFullPx; ++y) {
+      const uint8_t* from =
+          image.rgb.data() + static_cast<size_t>(inside(y, row, image.height)) * static_cast<size_t>(image.width) * 3;
+      for (int x = 0; x < kPageFullPx; ++x) *to++ = from[3 * static_cast<size_t>(inside(x, column, image.width)) + c];
+    }
+}
+
+void pasteTile(const StoredImage& image, uint32_t column, uint32_t row, std::span<const uint8_t> channels,
+               std::span<uint8_t> rgb) {
+  const size_t x0 = size_t{column} * kPagePx, y0 = size_t{row} * kPagePx;
+  for (size_t y = y0; y < std::min<size_t>(image.height, y0 + kPagePx); ++y)
+    for (size_t x = x0; x < std::min<size_t>(image.width, x0 + kPagePx); ++x)
+      for (size_t c = 0; c < 3; ++c)
+        rgb[3 * (y * image.width + x) + c] =
+            channels[(c * kPageFullPx + kPageBorderPx + y - y0) * kPageFullPx + kPageBorderPx + x - x0];
+}
+
+std::vector<uint8_t> encodePatchImages(const PatchImages& all, PatchCornersOf corners) {
+  std::vector<uint8_t> raw;
+  auto put = [&](auto v) {
+    raw.resize(raw.size() + sizeof v);
+    storeLittle(raw.data() + raw.size() - sizeof v, v);
+  };
+  put(static_cast<uint32_t>(all.images.size()));
+  for (const StoredImage& image : all.images) {
+    put(image.width);
+    put(image.height);
+    put(static_cast<uint8_t>(image.repeats));
+  }
+  for (const StoredImage& image : all.images)
+    for (const ImageTile& tile : image.tiles) put(tile.size);
+  for (const StoredImage& image : all.images)
+    for (const ImageTile& tile : image.tiles) put(tile.hash);
+  std::vector<PatchImage> patches = all.of_patch;
+  for (const PatchImage& patch : patches) put(static_cast<uint8_t>(patch.depth + 1));
+  for (const PatchImage& patch : patches)
+    if (patch.depth != kNoTexturePage)
+      for (const uint16_t image : patch.image) put(image);
+  std::array<std::vector<uint32_t>, 2> places;
+  std::array<std::vector<uint8_t>, 3> normals;
+  CornerPredictor(cornersOf(corners), all.images.size())
+      .run(
+          corners, patches,
+          [&](const glm::ivec2& expected, const glm::ivec2& there) {
+            for (int axis = 0; axis < 2; ++axis)
+              places[static_cast<size_t>(axis)].push_back(folded(minus(there[axis], expected[axis])));
+            return there;
+          },
+          [&](const glm::u8vec3& expected, const glm::u8vec3& there) {
+            for (int axis = 0; axis < 3; ++axis)
+              normals[static_cast<size_t>(axis)].push_back(static_cast<uint8_t>(there[axis] - expected[axis]));
+            return there;
+          });
+  for (const auto& of_axis : places)
+    for (int byte = 0; byte < 4; ++byte)
+      for (const uint32_t v : of_axis) raw.push_back(static_cast<uint8_t>(v >> (8 * byte)));
+  for (const auto& of_axis : normals) raw.insert(raw.end(), of_axis.begin(), of_axis.end());
+  std::vector<uint8_t> out(ZSTD_compressBound(raw.size()));
+  const size_t size = ZSTD_compress(out.data(), out.size(), raw.data(), raw.size(), kZstdLevel);
+  out.resize(ZSTD_isError(size) ? 0 : size);  // it cannot be: there is room
+  return out;
+}
+
+Result<PatchImages> decodePatchImages(std::span<const uint8_t> bytes, PatchCornersOf corners, uint64_t tile_bytes) {
+  // A tile takes a byte, and an image a tile.
+  const uint64_t most = sizeof(uint32_t) + tile_bytes * (kImageHeadBytes + kTileBytes) +
+                        corners.size() * (kPatchBytes + kHalvesBytes + kPlacesBytes);
+  const unsigned long long stated = ZSTD_getFrameContentSize(bytes.data(), bytes.size());
+  if (stated == ZSTD_CONTENTSIZE_ERROR || stated == ZSTD_CONTENTSIZE_UNKNOWN || stated > most)
+    return damaged("their directory is no zstd frame of at most " + std::to_string(most) + " bytes");
+  std::vector<uint8_t> raw(stated);
+  if (const size_t size = ZSTD_decompress(raw.data(), raw.size(), bytes.data(), bytes.size()); size != stated)
+    return damaged("their directory is no zstd frame");
+  size_t at = 0;
+  bool whole = true;
+  auto take = [&]<class T>(T& v) {
+    whole = whole && raw.size() - at >= sizeof v;
+    if (!whole) return;
+    v = loadLittle<T>(raw.data() + at);
+    at += sizeof v;
+  };
+  const Error cut = damaged("their directory ends too soon");
+  PatchImages out;
+  uint32_t images = 0;
+  take(images);
+  if (!whole || images > tile_bytes || images > kMostShownImages) return damaged("there are too many");
+  uint64_t texels = 0, tiles = 0;
+  out.images.resize(images);
+  for (StoredImage& image : out.images) {
+    uint8_t repeats = 0;
+    take(image.width);
+    take(image.height);
+    take(repeats);
+    if (!whole) return cut;
+    if (image.width < 1 || image.height < 1 || image.width > kMostShownSide || image.height > kMostShownSide ||
+        repeats > 1)
+      return damaged("an image has no size of 1 to " + std::to_string(kMostShownSide) + " texels");
+    image.repeats = repeats == 1;
+    texels += uint64_t{image.width} * image.height;
+    tiles += uint64_t{image.columns()} * image.rows();
+    if (texels > kMostShownTexels || tiles > tile_bytes) return damaged("they have too many texels");
+  }
+  uint64_t sum = 0;
+  for (StoredImage& image : out.images) {
+    image.tiles.resize(size_t{image.columns()} * image.rows());
+    for (ImageTile& tile : image.tiles) {
+      take(tile.size);
+      sum += tile.size;
+      if (tile.size == 0 || tile.size > kMaxEncodedPageBytes) return damaged("a tile has no size of a page");
+    }
+  }
+  for (StoredImage& image : out.images)
+    for (ImageTile& tile : image.tiles) take(tile.hash);
+  if (!whole) return cut;
+  if (sum != tile_bytes)
+    return damaged("expected tiles of " + std::to_string(tile_bytes) + " bytes, found " + std::to_string(sum));
+  out.of_patch.resize(corners.size());
+  size_t shown = 0;
+  for (PatchImage& patch : out.of_patch) {
+    uint8_t levels = 0;
+    take(levels);
+    if (levels > kMostShownDepth + 1) return damaged("a patch has too many texture levels");
+    patch.depth = static_cast<int8_t>(levels - 1);
+    shown += levels > 0;
+  }
+  for (PatchImage& patch : out.of_patch)
+    if (patch.depth != kNoTexturePage)
+      for (uint16_t& image : patch.image) {
+        take(image);
+        if (image >= images) return damaged("a patch shows an image that is not there");
+      }
+  if (!whole || raw.size() - at != shown * kPlacesBytes) return cut;
+  const size_t places = 6 * shown;
+  size_t next = 0, next_normal = at + 8 * places;
+  bool inside = true;
+  CornerPredictor(cornersOf(corners), images)
+      .run(
+          corners, out.of_patch,
+          [&](const glm::ivec2& expected, const glm::ivec2&) {
+            glm::ivec2 there(0);
+            for (int axis = 0; axis < 2; ++axis) {
+              uint32_t v = 0;
+              for (size_t byte = 0; byte < 4; ++byte)
+                v |= uint32_t{raw[at + (static_cast<size_t>(4 * axis) + byte) * places + next]} << (8 * byte);
+              there[axis] = plus(expected[axis], unfolded(v));
+              inside = inside && std::abs(int64_t{there[axis]}) <= kMostShownPlace;
+            }
+            ++next;
+            return there;
+          },
+          [&](const glm::u8vec3& expected, const glm::u8vec3&) {
+            glm::u8vec3 there(0);
+            for (int axis = 0; axis < 3; ++axis)
+              there[axis] =
+                  static_cast<uint8_t>(expected[axis] + raw[next_normal + static_cast<size_t>(axis) * places]);
+            ++next_normal;
+            return there;
+          });
+  if (!inside) return damaged("a patch lies too far outside of its image");
+  return out;
+}
+
+}  // namespace relievo

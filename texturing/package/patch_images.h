@@ -1,0 +1,79 @@
+// patch_images.h - images that patches show (texturing/PACKAGE.md, "Images that patches show"). Where a scan repeats an
+// image, pages of its patches would hold the image over and over. Such a package has the image once, and says of each
+// patch where its corners lie in it; pages are made when they are read. Integer arithmetic: the same texels on every
+// machine.
+#pragma once
+
+#include <array>
+#include <cstdint>
+#include <memory>
+#include <span>
+#include <vector>
+
+#include "src/artwork/patch_domain.h"
+#include "src/artwork/shown_images.h"
+#include "src/base/result.h"
+#include "texturing/package/patch_source.h"
+
+namespace relievo {
+
+// An image and its coarser levels, which are made by the rules of mip.h. Immutable.
+class ShownImage {
+ public:
+  explicit ShownImage(const SourceImage& image);
+  // Bilinear, at a place in 256ths of a texel of the finest level, from the image's upper left corner on. Beyond the
+  // image it is repeated, or its border is. level: 0 is the finest, beyond the coarsest that one is taken.
+  std::array<uint8_t, 3> sample(int64_t x, int64_t y, int level) const;
+
+ private:
+  struct Level {
+    int64_t width, height;
+    std::vector<uint8_t> rgb;
+  };
+  int64_t width_, height_;
+  bool repeats_;
+  std::vector<Level> levels_;
+};
+
+// The level of its image that a patch of 2^side_log2 texels a side shows on a half: one of its texels is at most 1.5 of
+// that level long, in either direction.
+int shownLevel(const PatchImage& patch, size_t half, int side_log2);
+// Texels (x0 + x, y0 + y) of such a patch, which may lie beyond it: there the halves go on. out: R, G, B, or the
+// normals' x, y, z, count x count each, rows of v.
+struct ShownTexels {
+  int side_log2 = 0;
+  int64_t x0 = 0, y0 = 0;
+  size_t count = 0;
+};
+void showImages(const PatchImage& patch, const std::array<const ShownImage*, 2>& images, const ShownTexels& which,
+                std::span<uint8_t> out);
+void showNormals(const PatchImage& patch, const ShownTexels& which, std::span<uint8_t> out);
+
+// Images are stored as tiles of kPagePx texels a side, rows of them from the top: texture pages of one plane whose
+// borders repeat their own texels, as the tile's beyond the image do.
+struct ImageTile {
+  uint32_t size = 0;
+  uint64_t hash = 0;  // xxh3-64
+};
+struct StoredImage {
+  uint32_t width = 0, height = 0;
+  bool repeats = false;
+  std::vector<ImageTile> tiles;
+  uint32_t columns() const { return (width + kPagePx - 1) / kPagePx; }
+  uint32_t rows() const { return (height + kPagePx - 1) / kPagePx; }
+};
+void cutTile(const SourceImage& image, uint32_t column, uint32_t row, std::span<uint8_t> channels /* of a page */);
+// Into the image's texels, R G B.
+void pasteTile(const StoredImage& image, uint32_t column, uint32_t row, std::span<const uint8_t> channels,
+               std::span<uint8_t> rgb);
+
+struct PatchImages {
+  std::vector<StoredImage> images;
+  std::vector<PatchImage> of_patch;  // depth kNoTexturePage: it shows none
+};
+using PatchCornersOf = std::span<const std::array<uint32_t, 4>>;  // of all patches, in the base mesh
+std::vector<uint8_t> encodePatchImages(const PatchImages& images, PatchCornersOf corners);
+// Safe for untrusted bytes. tile_bytes: what all tiles take. The error names what is wrong; its file is empty.
+Result<PatchImages> decodePatchImages(std::span<const uint8_t> bytes, PatchCornersOf corners, uint64_t tile_bytes);
+
+}  // namespace relievo
