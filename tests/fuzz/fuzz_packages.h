@@ -46,6 +46,27 @@ class PartlyPlainPatches final : public testing_support::NoisyPatches {
   }
 };
 
+// One patch that shows an image, at two levels.
+class ShowingPatches final : public testing_support::NoisyPatches {
+ public:
+  using NoisyPatches::NoisyPatches;
+  uint16_t height(uint32_t /*patch*/, int /*x*/, int /*y*/) const override { return 27'306; }
+  int textureDepth() const override { return 1; }
+  int textureDepthOf(uint32_t patch) const override { return patch == 0 ? kNoTexturePage : 0; }
+  std::vector<SourceImage> images() const override { return {{20, 10, true, texels_}}; }
+  PatchImage imageOf(uint32_t patch) const override {
+    PatchImage out;
+    if (patch > 0) return out;
+    out.depth = 1;
+    for (auto& half : out.at) half = {glm::ivec2(0), glm::ivec2(9000, 300), glm::ivec2(9000, -7000)};
+    for (auto& half : out.normal) half.fill(glm::u8vec3(128, 128, 255));
+    return out;
+  }
+
+ private:
+  std::vector<uint8_t> texels_ = std::vector<uint8_t>(20 * 10 * 3, 90);
+};
+
 inline std::vector<std::vector<uint8_t>> samplePackages() {
   using namespace testing_support;
   std::vector<std::vector<uint8_t>> out;
@@ -89,6 +110,17 @@ inline std::vector<std::vector<uint8_t>> samplePackages() {
     mesh.patches = {{0, 1, 4, 5}, {1, 2, 5, 6}, {2, 3, 6, 7}};
     options.texture_tolerance = 1;
     auto built = buildPatchPackage(PartlyPlainPatches(mesh, 0, 0, 3), options);
+    require(built.ok(), built ? "" : built.error().text());
+  });
+  add([](BuildOptions& options) {
+    BaseMesh mesh;
+    for (int k = 0; k < 6; ++k)
+      mesh.corners.push_back(
+          {glm::vec3(10.0f * static_cast<float>(k % 3), -10.0f * static_cast<float>(k / 3), 0), glm::vec3(0, 0, 1)});
+    mesh.patches = {{0, 1, 3, 4}, {1, 2, 4, 5}};
+    mesh.cut = true;
+    options.texture_tolerance = 1;
+    auto built = buildPatchPackage(ShowingPatches(mesh, 0, 0, 3), options);
     require(built.ok(), built ? "" : built.error().text());
   });
   return out;

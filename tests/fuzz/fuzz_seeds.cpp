@@ -190,6 +190,8 @@ void packages() {
     change("base corners", 2, 184, std::string("\1\0\0\0\0\0\0\0", 8));
     change("tails", 5, 0, std::string("\2\0\0\0\20\0\0\0", 8));
     change("tails chunk", 6, 300, std::string(40, '\5'));
+    change("images", 7, 9, std::string(8, '\7'));
+    change("tiles", 8, 0, std::string("\7\21", 2));
     put("package", "cut " + std::to_string(k), package + std::string("\xF1\x40\x01\0", 4));
     put("package", "copy " + std::to_string(k), package + std::string("\xF2\0\0\0\0\0\0\1x", 9));
   }

@@ -29,7 +29,7 @@ struct Region {
 // Where an unchanged package has it.
 Region regionOf(std::span<const uint8_t> file, uint8_t region) {
   auto at = [&](size_t offset) { return loadLittle<uint64_t>(file.data() + offset); };
-  switch (region % 7) {
+  switch (region % 9) {
     case 0:
       return {0, 320};
     case 1:
@@ -42,6 +42,10 @@ Region regionOf(std::span<const uint8_t> file, uint8_t region) {
       return {at(64), 4096};  // the first pages
     case 5:
       return {at(296), at(304)};
+    case 7:
+      return {at(2088), at(2096)};  // the directory of images
+    case 8:
+      return {at(296) + at(304), at(2096) > 0 ? at(2088) - at(296) - at(304) : 0};  // their tiles
     default:
       return {at(296) - std::min<uint64_t>(at(296), 512), 512};  // the last chunk of tails
   }
@@ -85,6 +89,7 @@ void seal(std::vector<uint8_t>& file, bool both_headers) {
     section(24, 32, 40);
     section(264, 272, 280);
     section(296, 304, 312);
+    if (at(2096) > 0) section(2088, 2096, 2104);
     storeLittle<uint64_t>(h + kHeaderBytes - 8, hash(0, kHeaderBytes - 8));
   };
   sealHeader();

@@ -498,6 +498,43 @@ TEST_F(MeshCli, TexturesComeFromTheMaterialOrByName) {
   EXPECT_NE(r.output.find("--texture none"), std::string::npos) << r.output;
 }
 
+// A sheet that repeats an image 30 times each way: its texels would be 900 times the image's.
+TEST_F(MeshCli, AnImageThatIsRepeatedIsStoredOnce) {
+  constexpr int kCells = 12, kImage = 96, kTimes = 30;
+  std::ostringstream obj;
+  obj << "mtllib sheet.mtl\nusemtl picture\n";
+  for (int y = 0; y <= kCells; ++y)
+    for (int x = 0; x <= kCells; ++x)
+      obj << "v " << 10 * x << " " << 10 * y << " " << (x * y) % 5 << "\nvt " << double(kTimes * x) / kCells << " "
+          << double(kTimes * y) / kCells << "\n";
+  for (int y = 0; y < kCells; ++y)
+    for (int x = 0; x < kCells; ++x) {
+      const int a = y * (kCells + 1) + x + 1, b = a + 1, c = a + kCells + 1, d = c + 1;
+      obj << "f " << a << "/" << a << " " << b << "/" << b << " " << d << "/" << d << "\nf " << a << "/" << a << " "
+          << d << "/" << d << " " << c << "/" << c << "\n";
+    }
+  write("sheet.obj", obj.str());
+  write("sheet.mtl", "newmtl picture\nmap_Kd picture.ppm\n");
+  std::string image = "P6\n" + std::to_string(kImage) + " " + std::to_string(kImage) + "\n255\n";
+  for (int i = 0; i < kImage * kImage; ++i)
+    for (int c = 0; c < 3; ++c)
+      image += static_cast<char>(120 + 100 * std::sin(0.2 * (i % kImage) + c) * std::cos(0.3 * (i / kImage)));
+  write("picture.ppm", image);
+  const std::string path = file("a.relievo");
+  const Outcome r = relievo("build --mesh " + file("sheet.obj") + " -o " + path);
+  ASSERT_EQ(r.exit_code, 0) << r.output;
+  EXPECT_NE(r.output.find("  images    1 stored once and as they are; "), std::string::npos) << r.output;
+  const auto bytes = std::filesystem::file_size(path);
+  EXPECT_LT(bytes, 130'000u);
+  EXPECT_EQ(relievo("verify " + path).exit_code, 0);
+  const Json info = parsed(relievo("info --json " + path).output);
+  EXPECT_EQ(info["shown_images"]["patches"], info["patches"]);
+  // Where texels are to be stored in another way, pages hold them.
+  ASSERT_EQ(relievo("build --mesh " + file("sheet.obj") + " --encoding q5 -o " + path).exit_code, 0);
+  EXPECT_FALSE(parsed(relievo("info --json " + path).output).contains("shown_images"));
+  EXPECT_GT(std::filesystem::file_size(path), 10 * bytes) << "control";
+}
+
 TEST_F(MeshCli, ImagesOutsideTheMeshsFolderAreRefusedByName) {
   std::filesystem::create_directory(file("inner"));
   write("inner/a.obj",
