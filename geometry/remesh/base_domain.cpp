@@ -483,6 +483,25 @@ Result<BaseMeshBuilder> builderOf(ReducedScan& reduced_scan, size_t scan_vertice
   return builder;
 }
 
+// Of each triangle: the image that it shows, or which of a few plain colours; none: all look alike.
+std::vector<uint32_t> looksOf(const TriMesh& mesh) {
+  constexpr size_t kFew = 64;  // of more colours pairs would be rare
+  auto isFew = [](const MeshImage& image) { return image.palette.size() > 1 && image.palette.size() <= kFew; };
+  if (mesh.images.size() < 2 && std::none_of(mesh.images.begin(), mesh.images.end(), isFew)) return {};
+  std::vector<uint32_t> looks;
+  looks.reserve(mesh.triangles.size());
+  for (size_t t = 0; t < mesh.triangles.size(); ++t) {
+    const uint16_t image = mesh.image_of.empty() ? uint16_t{0} : mesh.image_of[t];
+    uint32_t colour = 0;
+    if (image < mesh.images.size() && isFew(mesh.images[image])) {
+      const double colours = static_cast<double>(mesh.images[image].palette.size()), u = mesh.corner_uv[t][0].x;
+      colour = static_cast<uint32_t>(std::clamp(u, 0.0, 1.0) * colours);
+    }
+    looks.push_back(uint32_t{image} << 16 | colour);
+  }
+  return looks;
+}
+
 }  // namespace
 
 struct BaseDomain::Impl {
@@ -693,7 +712,7 @@ Result<BaseMesh> BaseDomain::faces(uint32_t max_patches) const {
   if (d.mesh.triangles.size() > 2 * size_t{max_patches}) return too_many;
   auto surface = makeSurface(d.mesh.positions_mm, d.mesh.triangles);
   if (!surface) return surface.error();
-  BaseMesh base = facesBase(*surface, max_patches, FaceNormals::kMean);
+  BaseMesh base = facesBase(*surface, max_patches, FaceNormals::kMean, looksOf(d.mesh));
   if (base.patches.empty()) return too_many;
   return completed(std::move(base), d.mesh.origin_mm);
 }

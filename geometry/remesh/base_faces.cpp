@@ -21,8 +21,8 @@ double angleBetween(const glm::dvec3& a, const glm::dvec3& b) {
 
 class FacePairs {
  public:
-  explicit FacePairs(const Surface& surface)
-      : s_(surface), normal_(surface.triangles.size()), mate_(surface.triangles.size(), kNoIndex) {
+  FacePairs(const Surface& surface, std::span<const uint32_t> look_of)
+      : s_(surface), look_of_(look_of), normal_(surface.triangles.size()), mate_(surface.triangles.size(), kNoIndex) {
     for (uint32_t t = 0; t < normal_.size(); ++t) {
       const glm::dvec3 p = at(t, 0);
       normal_[t] = unit(glm::cross(at(t, 1) - p, at(t, 2) - p));
@@ -30,7 +30,7 @@ class FacePairs {
   }
 
   // Pairs all triangles but for some at borders. Those of two triangles that may be one patch come first: they form a
-  // convex quad that folds by at most max_fold. False: some triangle stays alone that has no border.
+  // convex quad that folds by at most max_fold, and look alike. False: some triangle stays alone that has no border.
   bool pair(double max_fold) {
     chooseQuads(max_fold);
     std::fill(mate_.begin(), mate_.end(), kNoIndex);
@@ -102,11 +102,12 @@ class FacePairs {
     return shared;
   }
 
+  bool looksAlike(uint32_t t, uint32_t u) const { return look_of_.empty() || look_of_[t] == look_of_[u]; }
   void chooseQuads(double max_fold) {
     fold_.assign(s_.twin.size(), -1.0);
     for (uint32_t h = 0; h < s_.twin.size(); ++h) {
       const uint32_t g = s_.twin[h];
-      if (g == kNoIndex || g < h) continue;
+      if (g == kNoIndex || g < h || !looksAlike(h / 3, g / 3)) continue;
       const double fold = angleBetween(normal_[h / 3], normal_[g / 3]);
       if (fold <= max_fold && isConvex(h, g)) fold_[h] = fold_[g] = fold;
     }
@@ -206,6 +207,7 @@ class FacePairs {
   }
 
   const Surface& s_;
+  std::span<const uint32_t> look_of_;
   std::vector<glm::dvec3> normal_;  // for each triangle
   std::vector<double> fold_;        // for each half edge: the angle that its two triangles fold by; below 0: no quad
   std::vector<uint32_t> mate_;      // for each triangle
@@ -213,11 +215,15 @@ class FacePairs {
 
 }  // namespace
 
-BaseMesh facesBase(const Surface& surface, uint32_t max_patches, FaceNormals normals) {
+BaseMesh facesBase(const Surface& surface, uint32_t max_patches, FaceNormals normals,
+                   std::span<const uint32_t> look_of) {
   if (surface.triangles.size() > 2 * size_t{max_patches}) return {};
-  FacePairs pairs(surface);
-  for (const double degrees : {20, 45, 80})
-    if (pairs.pair(degrees * kDegree) && pairs.patches() <= max_patches) return pairs.base(normals);
+  for (const bool any_look : {false, true}) {
+    FacePairs pairs(surface, any_look ? std::span<const uint32_t>() : look_of);
+    for (const double degrees : {20, 45, 80})
+      if (pairs.pair(degrees * kDegree) && pairs.patches() <= max_patches) return pairs.base(normals);
+    if (look_of.empty()) break;
+  }
   return {};
 }
 

@@ -6,6 +6,7 @@
 #pragma once
 
 #include <cstdint>
+#include <span>
 
 #include "geometry/remesh/base_topology.h"
 #include "src/artwork/base_mesh.h"
@@ -18,7 +19,9 @@ namespace relievo {
 enum class FaceNormals : uint8_t { kFaced, kMean };
 
 // Pairs fold by at most 20 degrees, since texels across a crease are many, and by more only where there would be too
-// many patches. Has at most max_patches patches, or none if that is too few.
-BaseMesh facesBase(const Surface& surface, uint32_t max_patches, FaceNormals normals = FaceNormals::kFaced);
+// many patches. look_of: of each triangle; two that look different are no pair, as its texels would mix them, but where
+// there would be too many patches. Empty: all look alike. Has at most max_patches patches, or none if that is too few.
+BaseMesh facesBase(const Surface& surface, uint32_t max_patches, FaceNormals normals = FaceNormals::kFaced,
+                   std::span<const uint32_t> look_of = {});
 
 }  // namespace relievo

@@ -143,6 +143,49 @@ double largestFold(const BaseMesh& base) {
   return largest * 180 / std::numbers::pi;
 }
 
+// A sheet whose triangles look different left and right of a line that no pair of squares follows: no patch has both.
+TEST(BaseFaces, PairsLookAlike) {
+  constexpr int kCells = 6;
+  TriMesh mesh;
+  for (int y = 0; y <= kCells; ++y)
+    for (int x = 0; x <= kCells; ++x) mesh.positions_mm.push_back({x, y, 0});
+  std::vector<uint32_t> looks;
+  for (int y = 0; y < kCells; ++y)
+    for (int x = 0; x < kCells; ++x) {
+      const auto a = static_cast<uint32_t>(y * (kCells + 1) + x), c = a + kCells + 1;
+      mesh.triangles.push_back({a, a + 1, c + 1});
+      mesh.triangles.push_back({a, c + 1, c});
+      looks.push_back(7 + (x > y));
+      looks.push_back(7 + (x > y + 1));  // of squares on a diagonal the halves differ
+    }
+  auto surface = makeSurface(mesh.positions_mm, mesh.triangles);
+  ASSERT_TRUE(surface.ok());
+  // Patches whose triangles look different: single ones have one.
+  auto mixed = [&](const BaseMesh& base) {
+    size_t count = 0;
+    for (const auto& p : base.patches) {
+      std::set<uint32_t> seen;
+      for (const auto& [i, j, k] : {std::array<size_t, 3>{0, 2, 3}, std::array<size_t, 3>{0, 3, 1}})
+        for (size_t t = 0; t < mesh.triangles.size(); ++t) {
+          const std::set<uint32_t> of{p[i], p[j], p[k]};
+          if (of == std::set<uint32_t>(mesh.triangles[t].begin(), mesh.triangles[t].end())) seen.insert(looks[t]);
+        }
+      count += seen.size() > 1;
+    }
+    return count;
+  };
+  const BaseMesh apart = facesBase(*surface, 100, FaceNormals::kMean, looks), any = facesBase(*surface, 100);
+  EXPECT_EQ(mixed(apart), 0u);
+  EXPECT_GT(mixed(any), 0u) << "control";
+  const Cover cover = coverOf(apart, mesh);
+  EXPECT_NEAR(cover.area, kCells * kCells, 1e-4);
+  EXPECT_EQ(cover.farther, 0u);
+  EXPECT_EQ(any.patches.size(), size_t{kCells * kCells});
+  EXPECT_GT(apart.patches.size(), any.patches.size());
+  EXPECT_EQ(facesBase(*surface, kCells * kCells, FaceNormals::kMean, looks).patches, any.patches)
+      << "where there may be no more";
+}
+
 // A prism over an arrowhead: the two triangles of a cap are no convex quad.
 TriMesh arrowMesh() {
   TriMesh m;

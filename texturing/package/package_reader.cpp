@@ -192,6 +192,10 @@ struct Package::Impl {
                              offset);
       auto decoded = decodePatchImages(bytes, manifest.base->patches, offset - header.tilesOffset());
       if (!decoded) return damagedImages(decoded.error().message, offset);
+      for (const PatchImage& patch : decoded->of_patch)
+        if (patch.depth > header.domain.texture_depth)
+          return damagedImages(
+              "the images that patches show are damaged: a patch has more texture levels than there are", offset);
       return decoded;
     };
     auto decoded = read();

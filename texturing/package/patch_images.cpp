@@ -21,7 +21,9 @@ constexpr int kPlaceLog2 = 8;  // PatchImage::at counts 256ths of texels
 constexpr size_t kImageHeadBytes = 9, kTileBytes = 12, kPatchBytes = 1, kHalvesBytes = 2 * 2,
                  kPlacesBytes = 2 * 3 * (8 + 3);
 
+// n: below 2^32; most v are within.
 int64_t modulo(int64_t v, int64_t n) {
+  if (v >= 0 && v < n) return v;
   const int64_t rest = v % n;
   return rest < 0 ? rest + n : rest;
 }
@@ -132,8 +134,9 @@ std::array<uint8_t, 3> ShownImage::sample(int64_t x, int64_t y, int level) const
   auto axis = [&](int64_t at, int64_t extent, int64_t of_level) {
     if (repeats_) at = modulo(at, extent << kPlaceLog2);
     const int64_t middle = (at >> k) - (int64_t{1} << (kPlaceLog2 - 1)), low = middle >> kPlaceLog2;
-    auto inside = [&](int64_t i) { return repeats_ ? modulo(i, of_level) : std::clamp<int64_t>(i, 0, of_level - 1); };
-    return Axis{inside(low), inside(low + 1), middle & ((int64_t{1} << kPlaceLog2) - 1)};
+    const int64_t last = of_level - 1, to_high = middle & ((int64_t{1} << kPlaceLog2) - 1);
+    if (!repeats_) return Axis{std::clamp<int64_t>(low, 0, last), std::clamp<int64_t>(low + 1, 0, last), to_high};
+    return Axis{low < 0 ? last : low, low >= last ? 0 : low + 1, to_high};  // `at` lies within the image
   };
   const Axis u = axis(x, width_, l.width), v = axis(y, height_, l.height);
   const uint8_t *above = l.rgb.data() + 3 * v.low * l.width, *below = l.rgb.data() + 3 * v.high * l.width;
