@@ -429,6 +429,9 @@ TEST(BaseCode, TheBorderTakesFewerBytesOfTriangles) {
   EXPECT_LT(border, 0.75 * sides);
   EXPECT_GT(bytes(onLattice(leaning, kStepMm), BaseCodeKind::kByBorder, true), border + patches) << "other normals";
   EXPECT_GT(bytes(mesh, BaseCodeKind::kByBorder, false), border + patches / 8) << "errors 0 where patches twist";
+  BaseMesh opposite = mesh;
+  for (BaseCorner& c : opposite.corners) c.normal = -c.normal;
+  EXPECT_LT(bytes(opposite, BaseCodeKind::kByBorder, true), border + patches / 8) << "normals to the other side";
 }
 
 // Rows beside one another, the second half of which meets the first: along a border that is far from where the patches

@@ -30,7 +30,7 @@ relievo_test(index_code_test MEMORY LIBS relievo_stream relievo_import SOURCES t
 relievo_test(tail_code_test MEMORY LIBS relievo_stream relievo_import SOURCES texturing/tail_code_test.cpp)
 relievo_test(tail_grid_test MEMORY OPTIMISED LIBS relievo_stream relievo_import SOURCES texturing/tail_grid_test.cpp)
 relievo_test(texel_code_test MEMORY OPTIMISED LIBS relievo_stream relievo_import SOURCES texturing/texel_code_test.cpp)
-relievo_test(base_code_test MEMORY LIBS relievo_stream relievo_import SOURCES texturing/base_code_test.cpp)
+relievo_test(base_code_test MEMORY OPTIMISED LIBS relievo_stream relievo_import SOURCES texturing/base_code_test.cpp)
 relievo_test(page_encoding_test MEMORY LIBS relievo_stream relievo_import JPEG::JPEG SOURCES texturing/page_encoding_test.cpp)
 relievo_test(bc_blocks_test LIBS relievo_stream relievo_import SOURCES texturing/bc_blocks_test.cpp)
 relievo_test(package_header_test MEMORY LIBS relievo_package SOURCES texturing/package_header_test.cpp)
