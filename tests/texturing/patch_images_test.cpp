@@ -75,6 +75,7 @@ TEST(PatchImages, SamplesAreBilinearInMeansOfLight) {
   for (const bool repeats : {false, true}) {
     const Picture picture = pictureOf(53, 38, repeats, kSeed);
     const ShownImage image(picture.source());
+    const ShownImage::Repetition all{{repeats, repeats}, {}};
     TrueLevel level{picture.width, picture.height, {picture.rgb.begin(), picture.rgb.end()}};
     for (int k = 0; k < 4; ++k, level = halved(level)) {
       double largest = 0;
@@ -82,7 +83,7 @@ TEST(PatchImages, SamplesAreBilinearInMeansOfLight) {
       for (uint64_t i = 0; i < 2000; ++i) {
         const auto x = static_cast<int64_t>(mixBits(2 * i) % (53 * 3 * 256)) - 53 * 256,
                    y = static_cast<int64_t>(mixBits(2 * i + 1) % (38 * 3 * 256)) - 38 * 256;
-        const auto found = image.sample(x, y, k);
+        const auto found = image.sample(x, y, k, all);
         auto wrapped = [&](int64_t v, int64_t n) {
           return repeats ? static_cast<double>(((v % (256 * n)) + 256 * n) % (256 * n)) : static_cast<double>(v);
         };
@@ -90,7 +91,7 @@ TEST(PatchImages, SamplesAreBilinearInMeansOfLight) {
         for (int c = 0; c < 3; ++c) {
           const double off = std::abs(found[static_cast<size_t>(c)] - bilinear(level, repeats, px, py, c));
           largest = std::max(largest, off);
-          const int other = image.sample(x, y, k + 1)[static_cast<size_t>(c)];
+          const int other = image.sample(x, y, k + 1, all)[static_cast<size_t>(c)];
           of_finer = std::max(of_finer, std::abs(other - found[static_cast<size_t>(c)]));
         }
       }
@@ -98,8 +99,41 @@ TEST(PatchImages, SamplesAreBilinearInMeansOfLight) {
       EXPECT_LE(largest, 2.2) << "level " << k;
       EXPECT_GT(of_finer, 8) << "control: levels differ";
     }
-    EXPECT_EQ(image.sample(0, 0, 100), image.sample(5000, 900, 6)) << "the coarsest is one texel";
+    EXPECT_EQ(image.sample(0, 0, 100, all), image.sample(5000, 900, 6, all)) << "the coarsest is one texel";
   }
+}
+
+// Halves within one repetition show that one alone, to its border and beyond; others all that they run over.
+TEST(PatchImages, OneRepetitionEndsAtItsBorder) {
+  constexpr int kWidth = 40, kHeight = 30, kTexel = 256;
+  Picture picture{kWidth, kHeight, true, {}};  // left dark, right bright
+  for (int i = 0; i < kWidth * kHeight; ++i)
+    for (int c = 0; c < 3; ++c) picture.rgb.push_back(static_cast<uint8_t>(i % kWidth < 20 ? 0 : 240));
+  const ShownImage repeated(picture.source());
+  picture.repeats = false;
+  const ShownImage once(picture.source());
+  auto places = [&](int from, int to) {
+    return std::array{glm::ivec2(from, 0), glm::ivec2(to, 5), glm::ivec2(from, 9)};
+  };
+  for (const int turn : {-3, 0, 5}) {
+    const int begin = turn * kWidth * kTexel, end = begin + kWidth * kTexel;
+    for (const int slack : {0, 100, 128}) {
+      const auto one = repeated.repetitionOf(places(begin - slack, end + slack));
+      EXPECT_FALSE(one.repeats[0] || one.repeats[1]) << slack;
+      for (const int level : {0, 2}) {
+        EXPECT_EQ(repeated.sample(end + 400, 300, level, one)[0], 240) << "its own border";
+        EXPECT_EQ(repeated.sample(begin - 400, 300, level, one)[0], 0);
+      }
+    }
+    for (const auto& some :
+         {repeated.repetitionOf(places(begin - 129, end)), repeated.repetitionOf(places(begin, end + 130))}) {
+      EXPECT_TRUE(some.repeats[0]) << turn;
+      EXPECT_FALSE(some.repeats[1]);
+      EXPECT_EQ(repeated.sample(end + 400, 300, 0, some)[0], 0) << "the opposite border";
+      EXPECT_EQ(repeated.sample(end, 300, 0, some)[0], 120) << "both, in the middle";
+    }
+  }
+  EXPECT_FALSE(once.repetitionOf(places(0, 99 * kWidth * kTexel)).repeats[0]);
 }
 
 PatchImage somewhere(uint64_t seed, int8_t depth, std::array<uint16_t, 2> images, int extent) {
@@ -140,6 +174,7 @@ TEST(PatchImages, HalvesAreAffineAndGoOnBeyondThePatch) {
             256.0;
         const Picture& p = *pictures[half];
         const TrueLevel level{p.width, p.height, {p.rgb.begin(), p.rgb.end()}};
+        // It runs over several repetitions of the one that is repeated.
         const glm::dvec2 size(p.width, p.height), place = p.repeats ? at - size * glm::floor(at / size) : at;
         auto byte = [&](size_t k) { return glm::dvec3(patch.normal[half][k]) / 127.5 - 1.0; };
         const glm::dvec3 normal = glm::normalize(byte(0) * (1 - along) + byte(1) * (along - across) + byte(2) * across);

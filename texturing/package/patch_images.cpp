@@ -125,20 +125,37 @@ ShownImage::ShownImage(const SourceImage& image) : width_(image.width), height_(
   }
 }
 
-std::array<uint8_t, 3> ShownImage::sample(int64_t x, int64_t y, int level) const {
+ShownImage::Repetition ShownImage::repetitionOf(const std::array<glm::ivec2, 3>& places) const {
+  constexpr int64_t kHalfTexel = int64_t{1} << (kPlaceLog2 - 1);
+  Repetition out;
+  if (!repeats_) return out;
+  for (int axis = 0; axis < 2; ++axis) {
+    const auto i = static_cast<size_t>(axis);
+    const int64_t extent = (axis == 0 ? width_ : height_) << kPlaceLog2;
+    const auto [low, high] = std::minmax({places[0][axis], places[1][axis], places[2][axis]});
+    const int64_t begin = low + kHalfTexel;
+    out.from[i] = begin - modulo(begin, extent);
+    out.repeats[i] = high > out.from[i] + extent + kHalfTexel;
+  }
+  return out;
+}
+
+std::array<uint8_t, 3> ShownImage::sample(int64_t x, int64_t y, int level, const Repetition& repetition) const {
   const auto k = std::min(static_cast<size_t>(level), levels_.size() - 1);
   const Level& l = levels_[k];
   struct Axis {
     int64_t low, high, to_high;
   };
-  auto axis = [&](int64_t at, int64_t extent, int64_t of_level) {
-    if (repeats_) at = modulo(at, extent << kPlaceLog2);
+  auto axis = [&](int64_t at, size_t i, int64_t extent, int64_t of_level) {
+    const bool repeats = repetition.repeats[i];
+    at -= repetition.from[i];
+    if (repeats) at = modulo(at, extent << kPlaceLog2);
     const int64_t middle = (at >> k) - (int64_t{1} << (kPlaceLog2 - 1)), low = middle >> kPlaceLog2;
     const int64_t last = of_level - 1, to_high = middle & ((int64_t{1} << kPlaceLog2) - 1);
-    if (!repeats_) return Axis{std::clamp<int64_t>(low, 0, last), std::clamp<int64_t>(low + 1, 0, last), to_high};
+    if (!repeats) return Axis{std::clamp<int64_t>(low, 0, last), std::clamp<int64_t>(low + 1, 0, last), to_high};
     return Axis{low < 0 ? last : low, low >= last ? 0 : low + 1, to_high};  // `at` lies within the image
   };
-  const Axis u = axis(x, width_, l.width), v = axis(y, height_, l.height);
+  const Axis u = axis(x, 0, width_, l.width), v = axis(y, 1, height_, l.height);
   const uint8_t *above = l.rgb.data() + 3 * v.low * l.width, *below = l.rgb.data() + 3 * v.high * l.width;
   constexpr int64_t kWhole = int64_t{1} << kPlaceLog2;
   std::array<uint8_t, 3> out;
@@ -185,13 +202,15 @@ void showImages(const PatchImage& patch, const std::array<const ShownImage*, 2>&
   const size_t plane = which.count * which.count;
   assert(out.size() >= 3 * plane);
   const std::array<int, 2> levels{shownLevel(patch, 0, which.side_log2), shownLevel(patch, 1, which.side_log2)};
+  const std::array<ShownImage::Repetition, 2> repetitions{images[0]->repetitionOf(patch.at[0]),
+                                                          images[1]->repetitionOf(patch.at[1])};
   forEachTexel(which, [&](size_t texel, size_t half, int64_t along, int64_t across) {
     const auto& at = patch.at[half];
     auto place = [&](int axis) {
       const int64_t a = at[0][axis], b = at[1][axis], c = at[2][axis];
       return a + (((b - a) * along + (c - b) * across) >> (which.side_log2 + 1));
     };
-    const auto rgb = images[half]->sample(place(0), place(1), levels[half]);
+    const auto rgb = images[half]->sample(place(0), place(1), levels[half], repetitions[half]);
     for (size_t c = 0; c < 3; ++c) out[c * plane + texel] = rgb[c];
   });
 }

@@ -21,9 +21,17 @@ namespace relievo {
 class ShownImage {
  public:
   explicit ShownImage(const SourceImage& image);
-  // Bilinear, at a place in 256ths of a texel of the finest level, from the image's upper left corner on. Beyond the
-  // image it is repeated, or its border is. level: 0 is the finest, beyond the coarsest that one is taken.
-  std::array<uint8_t, 3> sample(int64_t x, int64_t y, int level) const;
+  // Along x and y: whether the image is repeated beyond its border, else this goes on; and what places count from.
+  struct Repetition {
+    std::array<bool, 2> repeats{};
+    std::array<int64_t, 2> from{};
+  };
+  // For a half with these places at its corners (PatchImage::at). Where they lie within one repetition, but for half a
+  // texel, the half shows that one alone: nothing of the opposite border.
+  Repetition repetitionOf(const std::array<glm::ivec2, 3>& places) const;
+  // Bilinear, at a place in 256ths of a texel of the finest level, from the image's upper left corner on. level: 0 is
+  // the finest, beyond the coarsest that one is taken.
+  std::array<uint8_t, 3> sample(int64_t x, int64_t y, int level, const Repetition& repetition) const;
 
  private:
   struct Level {
