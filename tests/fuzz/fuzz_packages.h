@@ -67,6 +67,18 @@ class ShowingPatches final : public testing_support::NoisyPatches {
   std::vector<uint8_t> texels_ = std::vector<uint8_t>(20 * 10 * 3, 90);
 };
 
+// So many squares beside one another.
+inline BaseMesh stripOf(uint32_t patches) {
+  BaseMesh mesh;
+  const uint32_t columns = patches + 1;
+  for (uint32_t k = 0; k < 2 * columns; ++k)
+    mesh.corners.push_back(
+        {glm::vec3(10.0f * static_cast<float>(k % columns), -10.0f * static_cast<float>(k / columns), 0),
+         glm::vec3(0, 0, 1)});
+  for (uint32_t p = 0; p < patches; ++p) mesh.patches.push_back({p, p + 1, columns + p, columns + p + 1});
+  return mesh;
+}
+
 inline std::vector<std::vector<uint8_t>> samplePackages() {
   using namespace testing_support;
   std::vector<std::vector<uint8_t>> out;
@@ -93,31 +105,19 @@ inline std::vector<std::vector<uint8_t>> samplePackages() {
   add(flat(50, 20, Basis::kPtmLrgb, false, {PageCodec::kJpeg, 60}, {PageCodec::kBc1, 0}));
   add(flat(300, 90, Basis::kPtmLrgb, true, {PageCodec::kQuantised, 5}, {PageCodec::kBc7, 0}));
   add([](BuildOptions& options) {
-    BaseMesh mesh;
-    for (int k = 0; k < 6; ++k)
-      mesh.corners.push_back(
-          {glm::vec3(10.0f * static_cast<float>(k % 3), -10.0f * static_cast<float>(k / 3), 0), glm::vec3(0, 0, 1)});
-    mesh.patches = {{0, 1, 3, 4}, {1, 2, 4, 5}};
+    const BaseMesh mesh = stripOf(2);
     options.coded_tails = false;
     auto built = buildPatchPackage(SmoothPatches(mesh, 0, 0, 3), options);
     require(built.ok(), built ? "" : built.error().text());
   });
   add([](BuildOptions& options) {
-    BaseMesh mesh;
-    for (int k = 0; k < 8; ++k)
-      mesh.corners.push_back(
-          {glm::vec3(10.0f * static_cast<float>(k % 4), -10.0f * static_cast<float>(k / 4), 0), glm::vec3(0, 0, 1)});
-    mesh.patches = {{0, 1, 4, 5}, {1, 2, 5, 6}, {2, 3, 6, 7}};
+    const BaseMesh mesh = stripOf(3);
     options.texture_tolerance = 1;
     auto built = buildPatchPackage(PartlyPlainPatches(mesh, 0, 0, 3), options);
     require(built.ok(), built ? "" : built.error().text());
   });
   add([](BuildOptions& options) {
-    BaseMesh mesh;
-    for (int k = 0; k < 6; ++k)
-      mesh.corners.push_back(
-          {glm::vec3(10.0f * static_cast<float>(k % 3), -10.0f * static_cast<float>(k / 3), 0), glm::vec3(0, 0, 1)});
-    mesh.patches = {{0, 1, 3, 4}, {1, 2, 4, 5}};
+    BaseMesh mesh = stripOf(2);
     mesh.cut = true;
     options.texture_tolerance = 1;
     auto built = buildPatchPackage(ShowingPatches(mesh, 0, 0, 3), options);
