@@ -146,20 +146,26 @@ void chooseShownImages(const BakeContext& context, std::vector<ShowingPatch> sho
     const MipImage& image = texture.images[i].texels;
     return static_cast<double>(image.width()) * static_cast<double>(image.height());
   };
-  for (size_t i = 0; i < times.size(); ++i)
-    if (!isPalette(i) && texels[i] >= (times[i] >= kTimesOver ? kOfRepeated : kOfOther) * own(i)) order.push_back(i);
+  double held = 0;
+  for (size_t i = 0; i < times.size(); ++i) {
+    const MipImage& image = texture.images[i].texels;
+    if (isPalette(i)) held += own(i);
+    else if (texels[i] >= (times[i] >= kTimesOver ? kOfRepeated : kOfOther) * own(i) &&
+             std::max(image.width(), image.height()) <= static_cast<int>(kMostShownSide))
+      order.push_back(i);
+  }
   std::stable_sort(order.begin(), order.end(),
                    [&](size_t a, size_t b) { return texels[a] * own(b) > texels[b] * own(a); });
-  double held = 0;
+  std::vector<uint8_t> may_be_shown(times.size(), 0);
   for (const size_t i : order) {
     if (held + own(i) > static_cast<double>(kMostShownTexels)) continue;
     held += own(i);
-    texture.images[i].shown = true;
+    may_be_shown[i] = 1;
   }
   for (const ShowingPatch& s : showing) {
     bool shows = true, any = false;
     for (const size_t image : s.image) {
-      shows = shows && (texture.images[image].shown || isPalette(image));
+      shows = shows && (may_be_shown[image] || isPalette(image));
       any = any || !isPalette(image);
     }
     if (!shows || !any) continue;

@@ -1609,6 +1609,21 @@ TEST(MeshBake, repeatedImagesAreShownByOwnTriangles) {
       << "as many texels as the image has";
   const auto few = bake(once, base, options, {image});
   EXPECT_EQ(few->shownImages(), std::vector<bool>{false}) << "tails show all of it";
+  // Patches of which a half shows one that is not repeated show neither.
+  TriMesh two = mesh;
+  for (size_t t = 0; t < two.triangles.size(); ++t) {
+    two.image_of.push_back(t % 2);
+    if (t % 2) two.corner_uv[t] = once.corner_uv[t];
+  }
+  const auto halves = bake(two, base, options, {image, {.width = 2048, .height = 2048, .texels = many}});
+  size_t shown = 0, single = 0;
+  for (uint32_t p = 0; p < base.patches.size(); ++p) {
+    const auto on = halves->imagesOn(p);
+    shown += on.has_value();
+    single += on && on->image[0] == 0 && on->image[1] == 0;
+  }
+  EXPECT_EQ(shown, single);
+  EXPECT_EQ(halves->shownImages(), (std::vector<bool>{shown > 0, false})) << "nor is one kept that no patch shows";
   // Of an atlas of many triangles patches would have a page each.
   for (auto& uv : once.corner_uv)
     for (auto& corner : uv) corner *= 0.9f;
