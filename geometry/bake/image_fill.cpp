@@ -63,7 +63,7 @@ class TexelMarks {
 
 struct Level {
   size_t width, height;
-  std::vector<float> rgb;      // means of what is shown
+  std::vector<uint8_t> rgb;    // means of what is shown
   std::vector<uint8_t> known;  // 1: some of it is
 };
 
@@ -74,15 +74,16 @@ Level halved(const Level& fine) {
   for (size_t y = 0; y < out.height; ++y)
     for (size_t x = 0; x < out.width; ++x) {
       const size_t to = y * out.width + x;
-      float count = 0;
+      std::array<int, 3> sum{};
+      int count = 0;
       for (size_t k = 0; k < 4; ++k) {
         const size_t i = 2 * x + k % 2, j = 2 * y + k / 2;
         if (i >= fine.width || j >= fine.height || !fine.known[j * fine.width + i]) continue;
-        for (size_t c = 0; c < 3; ++c) out.rgb[3 * to + c] += fine.rgb[3 * (j * fine.width + i) + c];
+        for (size_t c = 0; c < 3; ++c) sum[c] += fine.rgb[3 * (j * fine.width + i) + c];
         ++count;
       }
       if (count == 0) continue;
-      for (size_t c = 0; c < 3; ++c) out.rgb[3 * to + c] /= count;
+      for (size_t c = 0; c < 3; ++c) out.rgb[3 * to + c] = static_cast<uint8_t>((2 * sum[c] + count) / (2 * count));
       out.known[to] = 1;
     }
   return out;
@@ -98,13 +99,14 @@ FilledImage fillUnshown(const TriMesh& mesh, uint16_t number, int width, int hei
   for (size_t t = 0; t < mesh.triangles.size(); ++t)
     if ((mesh.image_of.empty() ? uint16_t{0} : mesh.image_of[t]) == number) marks.add(mesh.corner_uv[t]);
   std::vector<Level> levels;
-  levels.push_back({static_cast<size_t>(width),
-                    static_cast<size_t>(height),
-                    {texels.begin(), texels.end()},
-                    std::move(marks.shown())});
+  levels.push_back(
+      {static_cast<size_t>(width), static_cast<size_t>(height), std::move(out.rgb), std::move(marks.shown())});
   const auto shown = std::count(levels[0].known.begin(), levels[0].known.end(), uint8_t{1});
   out.shown = static_cast<double>(shown) / static_cast<double>(levels[0].known.size());
-  if (shown == 0 || out.shown == 1) return out;
+  if (shown == 0 || out.shown == 1) {
+    out.rgb = std::move(levels[0].rgb);
+    return out;
+  }
   while (levels.back().width > 1 || levels.back().height > 1) levels.push_back(halved(levels.back()));
   // From the coarsest level, where all is known, to the finest.
   for (size_t l = levels.size() - 1; l-- > 0;) {
@@ -125,16 +127,14 @@ FilledImage fillUnshown(const TriMesh& mesh, uint16_t number, int width, int hei
         if (fine.known[to]) continue;
         const auto u = between(x, coarse.width), v = between(y, coarse.height);
         for (size_t c = 0; c < 3; ++c) {
-          auto at = [&](size_t i, size_t j) { return coarse.rgb[3 * (j * coarse.width + i) + c]; };
+          auto at = [&](size_t i, size_t j) { return static_cast<float>(coarse.rgb[3 * (j * coarse.width + i) + c]); };
           const float top = at(u.low, v.low) * (1 - u.to_high) + at(u.high, v.low) * u.to_high,
                       bottom = at(u.low, v.high) * (1 - u.to_high) + at(u.high, v.high) * u.to_high;
-          fine.rgb[3 * to + c] = top * (1 - v.to_high) + bottom * v.to_high;
+          fine.rgb[3 * to + c] = static_cast<uint8_t>(top * (1 - v.to_high) + bottom * v.to_high + 0.5f);
         }
       }
   }
-  for (size_t i = 0; i < levels[0].known.size(); ++i)
-    if (!levels[0].known[i])
-      for (size_t c = 0; c < 3; ++c) out.rgb[3 * i + c] = static_cast<uint8_t>(levels[0].rgb[3 * i + c] + 0.5f);
+  out.rgb = std::move(levels[0].rgb);
   return out;
 }
 
