@@ -518,7 +518,8 @@ TEST_F(MeshCli, AnImageThatIsRepeatedIsStoredOnce) {
   std::string image = "P6\n" + std::to_string(kImage) + " " + std::to_string(kImage) + "\n255\n";
   for (int i = 0; i < kImage * kImage; ++i)
     for (int c = 0; c < 3; ++c)
-      image += static_cast<char>(120 + 100 * std::sin(0.2 * (i % kImage) + c) * std::cos(0.3 * (i / kImage)));
+      image += static_cast<char>(
+          static_cast<uint8_t>(120 + 100 * std::sin(0.2 * (i % kImage) + c) * std::cos(0.3 * (i / kImage))));
   write("picture.ppm", image);
   const std::string path = file("a.relievo");
   const Outcome r = relievo("build --mesh " + file("sheet.obj") + " -o " + path);
