@@ -552,10 +552,13 @@ Result<bool> MeshBuild::useFewFacesAtOnce() {
   // A coarse copy is asked for: patches that are larger than triangles take fewer bytes.
   const bool coarser = toleranceOverDefault() > 1;
   if (a_.patches > 0 || coarser) return false;
+  // Before anything is asked of all triangles.
+  const size_t triangles = loaded_.mesh.triangles.size();
+  if (triangles > 2 * size_t{textured_.images.empty() ? kMostPatches : kManyFaces}) return false;
+  const bool repeats = repeatsImages();
+  if (triangles > 2 * size_t{kMostPatches} && !repeats) return false;
   const bool suits = suitsOwnTriangles();
-  const uint32_t most = suits && repeatsImages() ? kManyFaces : mostFacesAtOnce(suits);
-  if (loaded_.mesh.triangles.size() > 2 * size_t{most}) return false;
-  return useFaces(most);
+  return useFaces(suits && repeats ? kManyFaces : mostFacesAtOnce(suits));
 }
 
 Result<void> MeshBuild::replaceHopelessBase() {

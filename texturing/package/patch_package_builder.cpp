@@ -146,7 +146,7 @@ void makeRoom(Context& context, const BuildOptions& options) {
   context.corner_texels.resize(context.cornerPlace(patches, kTail, 0));
   context.even.resize(context.levelPlace(patches, kTail));
   context.texture_depths.resize(patches);
-  // Where no level may be left out, all patches have all levels.
+  // Where no level may be left out, all patches have all.
   const bool own = context.header.compact && options.texture_tolerance >= 0;
   for (uint32_t p = 0; p < patches; ++p)
     context.own_depth.push_back(static_cast<int8_t>(own ? context.source.textureDepthOf(p) : d.texture_depth));
