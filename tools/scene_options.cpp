@@ -179,9 +179,10 @@ void SceneOptions::addAccuracy(CLI::App& c) {
                "a scan's patches are stretched, in a window while nothing moves; else trilinear)")
       ->check(CLI::IsMember({"nearest", "bilinear", "trilinear", "anisotropic", "auto"}))
       ->capture_default_str();
-  c.add_option("--anisotropy", anisotropy, "Taps a pixel at most, with --sampling anisotropic or auto")
-      ->check(CLI::Range(1, kMaxAnisotropy))
-      ->capture_default_str();
+  c.add_option("--anisotropy", anisotropy,
+               "Taps a pixel at most, with --sampling anisotropic or auto: " + std::to_string(kUsualAnisotropy) +
+                   " if not given, " + std::to_string(kMaxAnisotropy) + " where auto is anisotropic")
+      ->check(CLI::Range(1, kMaxAnisotropy));
   c.add_option(
        "--samples", samples,
        "Samples a pixel: 1, 4 or 8. A picture of a still camera is drawn so many times, each time seen through "

@@ -30,7 +30,7 @@ struct SceneOptions {
   // For what moves; a picture alone is better off without: fewer triangles, and no memory of other views.
   std::string geomorph = "off";
   double hysteresis_percent = 0;
-  int workers = 2, anisotropy = kMaxAnisotropy, samples = 1;
+  int workers = 2, anisotropy = 0, samples = 1;
 
   std::string request_source = "feedback";
   int feedback_scale = 8, feedback_interval = 1;

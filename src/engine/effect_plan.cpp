@@ -51,7 +51,10 @@ EffectPlan planEffects(const Scene& scene, const Manifest& manifest) {
   plan.geomorph = scene.geomorph && (plan.mesh || plan.relief);
   // Without pages nothing is sampled: one variant serves all of these settings.
   plan.sampling = plan.readsTexture() ? samplingOver(manifest.base.get(), scene.sampling) : Sampling::kBilinear;
-  if (plan.sampling == Sampling::kAnisotropic) plan.anisotropy = std::clamp(scene.anisotropy, 1, kMaxAnisotropy);
+  if (plan.sampling == Sampling::kAnisotropic) {
+    const int usual = scene.sampling == Sampling::kAuto ? kMaxAnisotropy : kUsualAnisotropy;
+    plan.anisotropy = scene.anisotropy == 0 ? usual : std::clamp(scene.anisotropy, 1, kMaxAnisotropy);
+  }
   plan.fade = scene.page_fade_s > 0 && plan.readsTexture();
   // The texture unit's weights of 8 bits are too coarse for numbers of 16.
   plan.filter = plan.madeOfRelief() || !plan.readsTexture() ? Filter::kExact : scene.filter;

@@ -27,7 +27,7 @@ enum class Filter { kExact, kFast };
 // major axis of the pixel's footprint, from levels that follow the minor one (shaders/texture_lookup.glsl). kAuto:
 // kAnisotropic over a base mesh with stretched patches, along which trilinear taps would blur; else kTrilinear.
 enum class Sampling { kNearest, kBilinear, kTrilinear, kAnisotropic, kAuto };
-inline constexpr int kMaxAnisotropy = 8;
+inline constexpr int kUsualAnisotropy = 8, kMaxAnisotropy = 32;
 inline constexpr double kMaxSceneDetailBias = 6;
 
 struct Scene {
@@ -57,7 +57,9 @@ struct Scene {
   // light then, and `unlit` changes nothing.
   ReliefShading shading;
   Sampling sampling = Sampling::kTrilinear;
-  int anisotropy = kMaxAnisotropy;  // taps at most, 1 .. kMaxAnisotropy; read by kAnisotropic only
+  // Taps at most, 1 .. kMaxAnisotropy. 0: kUsualAnisotropy, but all where kAuto takes them for stretched patches, which
+  // are stretched from all sides. Read where a plan is anisotropic only.
+  int anisotropy = 0;
   Filter filter = Filter::kExact;
   double page_fade_s = 0;  // a new page blends in over this time; 0: at once
   double exaggerate = 1;   // heights times this

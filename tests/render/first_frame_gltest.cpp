@@ -42,7 +42,7 @@ DenseImage oracle(const Engine& e, const Subject& subject, const Scene& scene, d
   v.exaggerate = scene.exaggerate;
   v.light = normalizedLight(scene.light);
   v.sampling = static_cast<DenseSampling>(scene.sampling);
-  v.anisotropy = scene.anisotropy;
+  v.anisotropy = e.plan().anisotropy;
   v.lod_bias = lod_bias;
   v.snapped_px = snappedPx();
   return renderDense(*subject.texture, e.plan().relief ? subject.relief.get() : nullptr, e.instances(), v);

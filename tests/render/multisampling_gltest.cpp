@@ -246,7 +246,7 @@ class Averages {
     v.exaggerate = scene.exaggerate;
     v.light = normalizedLight(scene.light);
     v.sampling = static_cast<DenseSampling>(scene.sampling);
-    v.anisotropy = scene.anisotropy;
+    v.anisotropy = engine.plan().anisotropy;
     v.snapped_px = snappedPx();
     for (const glm::dvec2& at : locations) {
       const glm::dvec3 moved(-2 * at.x / kWidth, 2 * at.y / kHeight, 0);

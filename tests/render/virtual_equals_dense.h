@@ -161,7 +161,7 @@ inline Totals compare(const Subject& subject, Scene scene, const Views& run, dou
       };
     }
     v.sampling = static_cast<DenseSampling>(scene.sampling);
-    v.anisotropy = scene.anisotropy;
+    v.anisotropy = e.plan().anisotropy;
     v.resolved = e.plan().resolve;
     v.snapped_px = snappedPx();
     for (const EffectSetting& setting : scene.effects) {

@@ -382,6 +382,14 @@ TEST(ScenePlan, NamesWhatIsOnAndNothingElse) {
     scan.domain = PatchDomain::overMesh(1, {});
     EXPECT_EQ(planEffects(usual, scan).sampling, length > 3 ? Sampling::kAnisotropic : Sampling::kTrilinear);
     EXPECT_EQ(partNames(usual, scan).back(), length > 3 ? "anisotropic" : "trilinear");
+    EXPECT_EQ(planEffects(usual, scan).anisotropy, length > 3 ? 32 : 1);
+    Scene asked = usual;
+    asked.anisotropy = 3;
+    EXPECT_EQ(planEffects(asked, scan).anisotropy, length > 3 ? 3 : 1);
+    asked.sampling = Sampling::kAnisotropic;
+    EXPECT_EQ(planEffects(asked, scan).anisotropy, 3);
+    asked.anisotropy = 0;
+    EXPECT_EQ(planEffects(asked, scan).anisotropy, 8);
     EXPECT_EQ(planEffects(Scene{}, scan).sampling, Sampling::kTrilinear) << "as asked for";
   }
   // Shadows of a light with a size cost more than hard ones.

@@ -54,7 +54,7 @@ AccuracyKnob detailBiasKnob(bool quick) {
 AccuracyKnob samplingKnob(bool quick) {
   AccuracyKnob k{"sampling", "sampling", "", "texels and levels that a pixel reads; the number is of taps at most",
                  {},         true,       {}};
-  for (int taps : quick ? std::vector<int>{8, 2} : std::vector<int>{8, 4, 2}) {
+  for (int taps : quick ? std::vector<int>{8, 2} : std::vector<int>{8, 32, 4, 2}) {
     KnobValue v{"anisotropic " + std::to_string(taps), knobBase()};
     v.setting.draw.sampling = "anisotropic";
     v.setting.draw.anisotropy = taps;
@@ -176,7 +176,7 @@ AccuracySetting defaultSetting() {
             .detail_bias = scene.detail_bias,
             .sampling = "trilinear",
             .filter = "exact",
-            .anisotropy = kMaxAnisotropy,
+            .anisotropy = kUsualAnisotropy,
             .feedback_scale = options.feedback_scale,
             .feedback_interval = options.feedback_interval,
             .prefetch = options.prefetch,
