@@ -19,7 +19,6 @@
 #include "geometry/bake/repeated_images.h"
 #include "geometry/bake/simplified_rounds.h"
 #include "geometry/bake/step_choice.h"
-#include "geometry/bake/stretched_triangles.h"
 #include "geometry/mesh/mesh_order.h"
 #include "geometry/remesh/base_domain.h"
 #include "geometry/scan/mesh_read.h"
@@ -186,8 +185,8 @@ class MeshBuild {
   // The next bake's base; false: there is none of this kind.
   Result<bool> use(BaseKind kind, Result<BaseMesh> base);
   Result<bool> useFaces(uint32_t max_patches);
-  double creased();                // the share of the scan's triangles beside a crease
-  bool suitsOwnTriangles() const;  // its texture does
+  double creased();  // the share of the scan's triangles beside a crease
+  bool suitsOwnTriangles() const { return textured_.format.basis == Basis::kAlbedoNormal; }  // its texture does
   // Own triangles may show its images instead of having their texels.
   bool showsImages() const { return a_.texture_tolerance >= 0 && a_.package.colour.codec == PageCodec::kLossless; }
   bool repeatsImages() const;  // so much that they should
@@ -514,15 +513,6 @@ double MeshBuild::creased() {
   const Result<BakeScene>& scene = bake_scene_->get();
   if (!scene) return 0;
   return static_cast<double>(scene->normals->split.size()) / static_cast<double>(loaded_.mesh.triangles.size());
-}
-
-bool MeshBuild::suitsOwnTriangles() const {
-  const TriMesh& scan = loaded_.mesh;
-  const bool coloured =
-      !textured_.images.empty() || std::any_of(scan.colours.begin(), scan.colours.end(),
-                                               [&](const glm::u8vec3& colour) { return colour != scan.colours[0]; });
-  const double stretched = coloured ? stretchedShare(scan) : 0;  // else it says nothing
-  return relievo::suitsOwnTriangles(textured_.format.basis != Basis::kAlbedoNormal, coloured, stretched);
 }
 
 Result<bool> MeshBuild::useFaces(uint32_t max_patches) {

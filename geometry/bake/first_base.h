@@ -17,16 +17,6 @@ inline constexpr uint32_t kMostPatches = 4096, kFewFaces = 36'864, kManyFaces = 
 // Where all of that misses, as of scans of many small pieces: simplified triangles, and the scan's own.
 inline constexpr uint32_t kMostSimplified = 131'072, kMostFaces = 131'072;
 
-// Whether a scan's texture suits patches of its own triangles. planes: it is a basis of light, of which every patch has
-// pages. coloured: it has an image, or vertices of several colours. stretched: stretchedShare()
-// (stretched_triangles.h). Of 23 public scans with images nine of sculptures, a skull, a cup and rooms
-// had 0.03 at most; models of buildings, furniture and organs mostly 0.05 to 0.5. Colours of one ran far along its
-// triangles.
-constexpr bool suitsOwnTriangles(bool planes, bool coloured, double stretched) {
-  constexpr double kMuch = 0.05;
-  return !planes && !(coloured && stretched > kMuch);
-}
-
 // Of a scan's triangles beside a crease: beyond it own triangles take fewer bytes than larger patches.
 inline constexpr double kMostlyCreased = 0.5;
 
@@ -39,7 +29,8 @@ constexpr uint32_t mostFacesBeforeSmaller(double creased) { return creased >= kM
 // bytes as kMostPatches of these, a third of the time, and are exact. Where most lie beside creases, more triangles do.
 // Of seven public scans that smaller patches missed, of 10,000 to 100,000 triangles, own triangles took 0.4 to 1.1
 // times the bytes of simplified ones up to these numbers, and 1.5 and 1.6 times beyond. of_default: the tolerance, in
-// times of the default one; with a larger one simplified triangles are fewer. suits: suitsOwnTriangles().
+// times of the default one; with a larger one simplified triangles are fewer. suits: the texture suits them. Under a
+// basis of light every patch has pages, so many small ones take many bytes.
 constexpr uint32_t mostFacesFirst(double creased, double of_default, bool suits) {
   constexpr double kMuchCoarser = 2;
   if (!suits) return mostFacesBeforeSmaller(creased);

@@ -103,12 +103,13 @@ void ResidentPlanes::setTailTexels(const EffectPlan& plan, const std::array<doub
   const TextureFormat& format = artwork_.manifest.texture;
   if (!plan.readsTexture()) return;
   const BaseMesh& base = *artwork_.manifest.base;
+  const GutterEnds ends{.colours = artwork_.manifest.tail_edges};  // of three channels
   if (plan.shading != ReliefShading::Kind::kNone)
     tail_textures_->setTexels(planeOfTails(*tails_, texturePlaneIndex(kNormalPlane)), base);
-  else if (plan.resolve) tail_textures_->setTexels(resolvedTails(*tails_, format, light), base);
+  else if (plan.resolve) tail_textures_->setTexels(resolvedTails(*tails_, format, light), base, ends);
   else if (!plan.lit() && format.planes() > 1)
-    tail_textures_->setTexels(resolvedTails(*tails_, {}, light), base);  // the colour alone
-  else tail_textures_->setTexels(*tails_, base, hasNormals(format));
+    tail_textures_->setTexels(resolvedTails(*tails_, {}, light), base, ends);  // the colour alone
+  else tail_textures_->setTexels(*tails_, base, {.colours = ends.colours, .normals = hasNormals(format)});
 }
 
 void ResidentPlanes::start(const EffectPlan& plan, const Scene& scene) {

@@ -35,8 +35,8 @@ TailTextures::TailTextures(const PatchTails& tails)
   heights_.write(0, heights.data(), heights.size());
 }
 
-void TailTextures::setTexels(const PatchTails& tails, const BaseMesh& base, bool normals) {
-  const TailBlocks blocks(tails, base, normals);
+void TailTextures::setTexels(const PatchTails& tails, const BaseMesh& base, GutterEnds ends) {
+  const TailBlocks blocks(tails, base, ends);
   const uint64_t planes = static_cast<uint64_t>(tails.channels) / 3, words = wordsOf(planes);
   texels_ = TexelTable("tails: texels", words == 2 ? TexelTable::Texel::kUint32x2 : TexelTable::Texel::kUint32, rows_);
   texels_.resize(texelsOf(patches_, planes));

@@ -22,8 +22,8 @@ class TailTextures {
   // many for one. Programs need the define TAIL_ROWS then.
   bool inRows() const { return rows_; }
   // Uploads the texels of all planes. Call it again whenever other planes are shown, or the fixed light changes.
-  // normals: as TailBlocks has it.
-  void setTexels(const PatchTails& tails, const BaseMesh& base, bool normals = false);
+  // ends: as TailBlocks has it.
+  void setTexels(const PatchTails& tails, const BaseMesh& base, GutterEnds ends = {});
   // reach: texture levels, at most kTailReach, coarser than the root's own over which the root gives way to the tail.
   void bind(const gl::Program& program, double reach) const;
 

@@ -1,6 +1,5 @@
 // What takes the place of a first base that can only miss: what takes the fewest bytes, if there is any.
 #include "geometry/bake/first_base.h"
-#include "geometry/bake/stretched_triangles.h"
 
 #include <gtest/gtest.h>
 
@@ -66,26 +65,6 @@ TEST(FirstBase, IsReplacedByWhatTakesTheFewestBytes) {
 TEST(FirstBase, FewOwnTrianglesAreTakenAtOnceWhereTheySuitTheTexture) {
   EXPECT_EQ(mostFacesAtOnce(true), 4096u);
   EXPECT_EQ(mostFacesAtOnce(false), 0u);
-}
-
-TEST(FirstBase, ColoursAlongStretchedTrianglesDoNotSuit) {
-  EXPECT_TRUE(suitsOwnTriangles(false, true, 0.049));
-  EXPECT_FALSE(suitsOwnTriangles(false, true, 0.051));
-  EXPECT_TRUE(suitsOwnTriangles(false, false, 1)) << "one colour";
-  EXPECT_FALSE(suitsOwnTriangles(true, true, 0)) << "a basis of light";
-}
-
-// Two triangles of one area, one of which is 8 x 2 times as long as high, then a little longer and lower.
-TEST(FirstBase, TheShareOfLongThinTrianglesIsOfTheArea) {
-  TriMesh mesh;
-  mesh.positions_mm = {{0, 0, 0}, {16, 0, 0}, {8, 1, 0}, {0, 0, 5}, {4, 0, 5}, {0, 4, 5}};
-  mesh.triangles = {{0, 1, 2}, {3, 4, 5}};
-  EXPECT_DOUBLE_EQ(stretchedShare(mesh), 0.5);
-  mesh.positions_mm[2].y = 1.999f;
-  EXPECT_NEAR(stretchedShare(mesh), 2.0 / 3, 1e-3);
-  mesh.positions_mm[2].y = 2.001f;
-  EXPECT_EQ(stretchedShare(mesh), 0) << "8 times as long as high";
-  EXPECT_EQ(stretchedShare({}), 0);
 }
 
 TEST(FirstBase, MoreOwnTrianglesComeFirstWhereMostLieBesideCreases) {

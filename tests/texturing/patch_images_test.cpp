@@ -3,6 +3,7 @@
 #include "texturing/package/patch_images.h"
 
 #include <gtest/gtest.h>
+#include <xxhash.h>
 #include <zstd.h>
 
 #include <algorithm>
@@ -373,7 +374,7 @@ TEST(PatchImages, PagesOfAPackageAreWhatItsImagesShow) {
   ASSERT_TRUE(opened.ok()) << opened.error().text();
   const Package& package = **opened;
   EXPECT_TRUE(package.warnings().empty());
-  EXPECT_EQ(packageVersion(package.header()), 13u);
+  EXPECT_EQ(packageVersion(package.header()), 14u);
   const auto shown = package.shownImages();
   EXPECT_EQ(shown.images, 2u);
   EXPECT_EQ(shown.patches, 8u);
@@ -487,6 +488,39 @@ TEST(PatchImages, WhatIsDamagedIsFoundAndTheRestIsShown) {
   ASSERT_TRUE(opened.ok()) << opened.error().text();
   EXPECT_FALSE((*opened)->read(shown).ok());
   EXPECT_TRUE((*opened)->read(stored).ok());
+}
+
+// Tails' colours end at edges in version 14 alone; images are the same in both.
+TEST(PatchImages, AreThoseOfVersionThirteen) {
+  ScratchFolder folder;
+  const ShowingPatches source;
+  BuildOptions options = optionsOf(folder.file("a.relievo"));
+  ASSERT_TRUE(buildPatchPackage(source, options).ok());
+  const auto now = *Package::open(options.output);
+  options.output = folder.file("b.relievo");
+  options.tail_edges = false;
+  ASSERT_TRUE(buildPatchPackage(source, options).ok());
+  const auto before = *Package::open(options.output);
+  EXPECT_EQ(packageVersion(before->header()), 13u);
+  EXPECT_TRUE(now->manifest().tail_edges && !before->manifest().tail_edges);
+  EXPECT_EQ(now->shownImages().patches, before->shownImages().patches);
+  const PageId page(texturePlane(0), {3, 1, 1, 0});
+  EXPECT_EQ(channelsOf(*now->read(page)), channelsOf(*before->read(page)));
+  // Fields of version 14: what ends as no reader knows, images as none knows, and none at all.
+  const std::vector<uint8_t> bytes = readAll(folder.file("a.relievo"));
+  auto refusal = [&](size_t field, uint32_t value) {
+    std::vector<uint8_t> header(bytes.begin(), bytes.begin() + kHeaderBytes);
+    storeLittle(header.data() + field, value);
+    storeLittle(header.data() + kHeaderBytes - 8, XXH3_64bits(header.data(), kHeaderBytes - 8));
+    const auto decoded = decodeHeader(header, "a.relievo");
+    return decoded ? std::string() : decoded.error().text();
+  };
+  EXPECT_EQ(refusal(2084, 1), "") << "control";
+  EXPECT_NE(refusal(2084, 2).find("expected colours of tails that end by kind 1 in version 14, found 2"),
+            std::string::npos);
+  EXPECT_NE(refusal(2080, 2).find("expected images of kind 1 in version 14, found 2"), std::string::npos);
+  EXPECT_EQ(refusal(2080, 0), "") << "no images are there";
+  EXPECT_NE(refusal(2076, 0).find("expected cut patches with normals in version 14"), std::string::npos);
 }
 
 TEST(PatchImages, NeedAPackageThatHasThem) {

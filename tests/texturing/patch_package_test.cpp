@@ -581,7 +581,8 @@ TEST(PatchPackage, keepsThatPatchesAreCut) {
     EXPECT_EQ((*package)->header().coded_index, coded_index);
     EXPECT_EQ((*package)->header().base_by_border, by_border);
     const auto json = nlohmann::json::parse((*package)->manifestJson());
-    EXPECT_EQ(json["version"], by_border ? 12 : 11);
+    EXPECT_EQ(json["version"], by_border ? 14 : 11);
+    EXPECT_EQ((*package)->manifest().tail_edges, by_border);
     EXPECT_EQ(json["base"]["cut"], true);
     std::vector<uint16_t> samples(kReliefPageSamples), truth(kReliefPageSamples);
     for (uint32_t p = 0; p < cut.patches.size(); ++p) {
@@ -591,6 +592,15 @@ TEST(PatchPackage, keepsThatPatchesAreCut) {
       EXPECT_TRUE(samples == truth) << p;
     }
   }
+  BuildOptions twelve;
+  twelve.output = path;
+  twelve.tail_edges = false;
+  ASSERT_TRUE(buildPatchPackage(source, twelve).ok());
+  const auto package = Package::open(path);
+  ASSERT_TRUE(package.ok()) << package.error().text();
+  EXPECT_EQ(packageVersion((*package)->header()), 12u);
+  EXPECT_EQ(*(*package)->manifest().base, cut);
+  EXPECT_FALSE((*package)->manifest().tail_edges);
   const auto refused = build(path, source, 2, kBudget, false);
   ASSERT_FALSE(refused.ok());
   EXPECT_NE(refused.error().text().find("need a package of version 11"), std::string::npos) << refused.error().text();
@@ -608,14 +618,14 @@ TEST(PatchPackage, refusesOtherKindsOfStorage) {
   for (const bool by_border : {false, true}) {
     ASSERT_TRUE(build(path, source, 2, uint64_t{256} << 20, true, true, by_border).ok());
     const std::vector<uint8_t> sound = readAll(path);
-    const std::string version = by_border ? "version 12" : "version 11";
+    const std::string version = by_border ? "version 14" : "version 11";
     std::vector<Field> fields{{2076, 1, ""},
                               {2076, 2, "interpolated by kind 1 in " + version + ", found 2"},
                               {2072, 1, "an index of kind 2"}};
     if (by_border) {
-      fields.push_back({2052, 3, "expected storage of kind 4 in version 12, found 3"});
-      fields.push_back({2052, 5, "expected storage of kind 4 in version 12, found 5"});
-      fields.push_back({2072, 0, "expected tails of kind 1 in version 12, found 2"});
+      fields.push_back({2052, 3, "expected storage of kind 4 in version 14, found 3"});
+      fields.push_back({2052, 5, "expected storage of kind 4 in version 14, found 5"});
+      fields.push_back({2072, 0, "expected tails of kind 1 in version 14, found 2"});
     } else {
       fields.push_back({2076, 0, "interpolated by kind 1 in version 11, found 0"});
       fields.push_back({2072, 0, "expected storage of kind 2 in version 11, found 3"});
@@ -835,8 +845,8 @@ TEST_F(BaseOfPackage, hostileHeaderFieldsAreRefused) {
   EXPECT_NE(refusal(), "");
   setField(96, uint64_t{127});
   EXPECT_NE(refusal(), "");
-  // Version 1 knows no albedo and normal, version 3 no basis by its number, versions 4 to 12 say how they store things,
-  // and version 13 is yet to come.
+  // Version 1 knows no albedo and normal, version 3 no basis by its number, versions 4 to 14 say how they store things,
+  // and version 15 is yet to come.
   EXPECT_NE(withField(8, uint32_t{1}).find("expected basis 0, 1 or 2, found 3"), std::string::npos);
   EXPECT_NE(withField(8, uint32_t{3}).find("expected no number of a basis in version 3, found 3"), std::string::npos);
   EXPECT_NE(withField(8, uint32_t{4}).find("expected storage of kind 1 in version 4, found 0"), std::string::npos);
@@ -847,7 +857,7 @@ TEST_F(BaseOfPackage, hostileHeaderFieldsAreRefused) {
   EXPECT_NE(withField(8, uint32_t{10}).find("expected storage of kind 1 in version 10, found 0"), std::string::npos);
   EXPECT_NE(withField(8, uint32_t{11}).find("expected storage of kind 1 in version 11, found 0"), std::string::npos);
   EXPECT_NE(withField(8, uint32_t{12}).find("expected storage of kind 1 in version 12, found 0"), std::string::npos);
-  EXPECT_NE(withField(8, uint32_t{14}).find("version 1 to 13, found 14"), std::string::npos);
+  EXPECT_NE(withField(8, uint32_t{15}).find("version 1 to 14, found 15"), std::string::npos);
 }
 
 TEST_F(BaseOfPackage, hostileSectionsAreRefusedByName) {

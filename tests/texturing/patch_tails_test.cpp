@@ -97,7 +97,7 @@ TEST(PatchTails, normalsEndAtCreases) {
           std::fill_n(const_cast<uint8_t*>(tails.level(p, level, c)), side * side, texel[p][static_cast<size_t>(c)]);
         }
     for (const bool has_normals : {true, false}) {
-      const TailBlocks blocks(tails, mesh, has_normals);
+      const TailBlocks blocks(tails, mesh, {.normals = has_normals});
       for (int level = 0; level < kTailLevels; ++level)
         for (uint32_t p = 0; p < 2; ++p) {
           std::vector<uint32_t> words(2 * tailBlockTexels(level));
@@ -114,6 +114,47 @@ TEST(PatchTails, normalsEndAtCreases) {
         }
     }
   }
+}
+
+// Three patches around a corner, two of which meet along a side: plain colours that differ in one channel, normals that
+// do not. By up to 32 of 255 a filter blends them.
+TEST(PatchTails, coloursEndAtEdges) {
+  BaseMesh mesh;
+  for (int y = 0; y < 3; ++y)
+    for (int x = 0; x < 3; ++x) mesh.corners.push_back({{static_cast<float>(x), static_cast<float>(-y), 0}, {0, 0, 1}});
+  mesh.patches = {{0, 1, 3, 4}, {1, 2, 4, 5}, {4, 5, 7, 8}};
+  for (const int apart : {-90, -33, -32, 0, 32, 33, 90})
+    for (const int differs : {0, 1, 2}) {
+      PatchTails tails(3, 6);
+      auto texel = [&](uint32_t p, int c) { return static_cast<uint8_t>(100 + (p > 0 && c == differs ? apart : 0)); };
+      for (uint32_t p = 0; p < 3; ++p)
+        for (int level = 0; level < kTailLevels; ++level)
+          for (int c = 0; c < 6; ++c) {
+            const auto side = static_cast<size_t>(PatchTails::side(level));
+            std::fill_n(tails.level(p, level, c), side * side, texel(p, c));
+          }
+      for (const GutterEnds ends : {GutterEnds{.colours = true}, GutterEnds{.normals = true}}) {
+        const TailBlocks blocks(tails, mesh, ends);
+        const bool ended = ends.colours && std::abs(apart) > 32;
+        for (int level = 0; level < kTailLevels; ++level) {
+          std::vector<uint32_t> words(2 * tailBlockTexels(level));
+          blocks.write(0, level, words.data());
+          const size_t row = tailBlockSide(level), last = row - 1;
+          auto shown = [&](size_t x, size_t y, int c) {
+            return static_cast<uint8_t>(words[2 * (y * row + x) + static_cast<size_t>(c / 3)] >> (8 * (c % 3)));
+          };
+          for (int c = 0; c < 6; ++c) {
+            for (size_t y = 1; y < last; ++y)
+              ASSERT_EQ(shown(last, y, c), texel(ended ? 0 : 1, c)) << apart << " " << differs << " " << c;
+            // Beyond the corner: what makes the mean of four texels that of the three patches.
+            const int mean = 100 + (c == differs ? (2 * apart) / 3 : 0);
+            const int beyond = std::max(0, 4 * mean - texel(0, c) - texel(1, c) - texel(0, c));
+            ASSERT_NEAR(shown(last, last, c), ended ? texel(0, c) : beyond, ended ? 0 : 4) << apart << " " << c;
+          }
+          EXPECT_EQ(shown(0, 1, 0), texel(0, 0)) << "an open side";
+        }
+      }
+    }
 }
 
 // From its own tile alone, a patch shows along a side what its neighbour shows there; around a corner all patches show

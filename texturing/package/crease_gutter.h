@@ -1,6 +1,7 @@
 // crease_gutter.h - where two patches meet along a crease, each has its own side's normals (geometry/bake/
-// corner_normals.h). Filters that blended them would tint a texel's width of both sides, which is wide on long patches.
-// So the gutter there repeats the patch's own normals. Pure: any thread.
+// corner_normals.h), and where their materials differ, its own colours. Filters that blended them would tint a texel's
+// width of both sides, which is wide on long patches. So the gutter there repeats the patch's own texels. Pure: any
+// thread.
 #pragma once
 
 #include <array>
@@ -28,5 +29,26 @@ inline bool isCrease(const std::array<uint8_t, 3>& a, const std::array<uint8_t, 
   constexpr int64_t kSquaredCosine = 587, kParts = 1000;
   return along < 0 || kParts * along * along < kSquaredCosine * a_squared * b_squared;
 }
+
+// Do colours differ by more than 32 of 255 in a channel, as those of different materials do? Texels that touch in one
+// image, a 16th of a patch or more apart, do so along its edges, too: there colours end half a texel earlier.
+inline bool isColourEdge(const std::array<uint8_t, 3>& a, const std::array<uint8_t, 3>& b) {
+  constexpr int kMost = 32;
+  bool edge = false;
+  for (size_t c = 0; c < 3; ++c) edge = edge || a[c] > b[c] + kMost || b[c] > a[c] + kMost;
+  return edge;
+}
+
+// Which channels of a gutter end where the texels across differ.
+struct GutterEnds {
+  bool colours = false;  // channels 0..2: at colour edges
+  bool normals = false;  // from kNormalChannel on: at creases
+  // Three channels end alike, from this one on.
+  static constexpr size_t firstOf(size_t channel) { return channel / 3 * 3; }
+  bool between(size_t first, const std::array<uint8_t, 3>& own, const std::array<uint8_t, 3>& theirs) const {
+    if (first == 0) return colours && isColourEdge(own, theirs);
+    return first == kNormalChannel && normals && isCrease(own, theirs);
+  }
+};
 
 }  // namespace relievo

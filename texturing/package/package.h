@@ -45,6 +45,7 @@ struct Manifest {
   std::vector<CoarseBlocks> coarse_blocks;
   std::vector<CoarseShapes> coarse_shapes;  // empty: not known
   std::vector<HeightSlopes> height_slopes;  // empty in older packages
+  bool tail_edges = false;                  // colours of tails end at edges (crease_gutter.h)
   double error_unit_mm = 0;  // what a relief page's errors are counted in (a flat artwork's: relief_scale_mm)
 };
 

@@ -51,6 +51,9 @@ struct BuildOptions {
   // Of packages with coded texels, as far as coded_index and light_patches are not turned off: the base mesh is coded
   // by its border (base_code.h); else the package is one of version 8, 10 or 11.
   bool base_by_border = true;
+  // Of packages with cut patches, normals and a base mesh coded by its border: colours of tails end at edges
+  // (crease_gutter.h); else the package is one of version 12 or 13.
+  bool tail_edges = true;
   // Of packages with coded tails and a texture_tolerance: texels of tails are rounded within it to what takes fewer
   // bytes.
   bool rounded_tails = true;

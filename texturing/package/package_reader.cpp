@@ -305,6 +305,7 @@ struct Package::Impl {
                          "; its copy is used");
     }
     section->mesh.cut = header.cut_patches;
+    manifest.tail_edges = header.tail_edges;
     manifest.base = std::make_shared<const BaseMesh>(std::move(section->mesh));
     manifest.coarse_errors = std::move(section->coarse_errors);
     manifest.coarse_blocks = std::move(section->coarse_blocks);

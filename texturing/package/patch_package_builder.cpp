@@ -241,6 +241,7 @@ Result<PackageHeader> planHeader(const PatchSource& source, const BuildOptions& 
   if (header.cut_patches && (!header.coded_texels || header.light_patches != options.coded_index))
     return usage("patches that are cut need a package of version 11");
   header.base_by_border = header.coded_texels && header.light_patches == options.coded_index && options.base_by_border;
+  header.tail_edges = header.base_by_border && header.cut_patches && options.tail_edges && hasNormals(header.texture);
   header.page_count = packageLayout(header.domain, header.texture, 0, 0).page_count;
   header.base_bytes = baseSectionBytes(source.base().corners.size(), header.domain.patchCount());
   return header;

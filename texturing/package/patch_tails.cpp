@@ -138,10 +138,10 @@ PatchTails resolvedTails(const PatchTails& tails, const TextureFormat& format, c
   return out;
 }
 
-TailBlocks::TailBlocks(const PatchTails& tails, const BaseMesh& base, bool normals)
+TailBlocks::TailBlocks(const PatchTails& tails, const BaseMesh& base, GutterEnds ends)
     : tails_(tails),
       base_(base),
-      normals_(normals),
+      ends_(ends),
       neighbours_(patchNeighbours(base)),
       first_(base.corners.size() + 1, 0),
       at_(base.patches.size() * 4) {
@@ -152,9 +152,9 @@ TailBlocks::TailBlocks(const PatchTails& tails, const BaseMesh& base, bool norma
   for (uint32_t i = 0; i < at_.size(); ++i) at_[next[base.patches[i / 4][i % 4]]++] = i;
 }
 
-std::array<uint8_t, 3> TailBlocks::normalAt(uint32_t patch, int level, size_t texel) const {
+std::array<uint8_t, 3> TailBlocks::threeAt(uint32_t patch, int level, size_t first_channel, size_t texel) const {
   std::array<uint8_t, 3> out;
-  for (size_t c = 0; c < 3; ++c) out[c] = tails_.level(patch, level, static_cast<int>(kNormalChannel + c))[texel];
+  for (size_t c = 0; c < 3; ++c) out[c] = tails_.level(patch, level, static_cast<int>(first_channel + c))[texel];
   return out;
 }
 
@@ -167,10 +167,11 @@ uint8_t TailBlocks::beyondCorner(uint32_t patch, size_t k, int level, int channe
   auto cornerTexel = [&](uint32_t p, size_t slot) { return tails_.level(p, level, channel)[texelAt(slot)]; };
   size_t sum = 0;
   const size_t meet = first_[corner + 1] - first_[corner];
-  if (normals_ && channel >= static_cast<int>(kNormalChannel))
-    for (uint32_t i = first_[corner]; i < first_[corner + 1]; ++i)
-      if (isCrease(normalAt(patch, level, texelAt(k)), normalAt(at_[i] / 4, level, texelAt(at_[i] % 4))))
-        return cornerTexel(patch, k);
+  const size_t three = GutterEnds::firstOf(static_cast<size_t>(channel));
+  for (uint32_t i = first_[corner]; i < first_[corner + 1]; ++i)
+    if (ends_.between(three, threeAt(patch, level, three, texelAt(k)),
+                      threeAt(at_[i] / 4, level, three, texelAt(at_[i] % 4))))
+      return cornerTexel(patch, k);
   for (uint32_t i = first_[corner]; i < first_[corner + 1]; ++i) sum += cornerTexel(at_[i] / 4, at_[i] % 4);
   const int four_means = static_cast<int>((8 * sum + meet) / (2 * meet));
   // Across the two sides that end here.
@@ -191,7 +192,7 @@ void TailBlocks::write(uint32_t patch, int level, uint32_t* out) const {
   const int side = PatchTails::side(level), last = side - 1;
   const size_t planes = static_cast<size_t>(tails_.channels) / 3, row = tailBlockSide(level);
   std::fill_n(out, tailBlockTexels(level) * planes, 0u);
-  std::array<std::array<bool, kTailTexels>, 4> creased{};  // by side, the texels beyond which normals end
+  std::array<std::array<bool, kTailTexels>, 4> ended{};  // by side, the texels beyond which these three channels end
   for (int channel = 0; channel < tails_.channels; ++channel) {
     const uint8_t* own = tails_.level(patch, level, channel);
     auto put = [&](int x, int y, uint8_t value) {  // from -1 on
@@ -214,10 +215,11 @@ void TailBlocks::write(uint32_t patch, int level, uint32_t* out) const {
         const int t = reversed ? last - i : i;
         const auto theirs = static_cast<size_t>(their_upright ? t * side + their_edge : their_edge * side + t),
                    nearest = static_cast<size_t>(upright ? i * side + edge : edge * side + i);
-        bool& crease = creased[s][static_cast<size_t>(i)];
-        if (normals_ && channel == static_cast<int>(kNormalChannel) && n.patch != PatchNeighbour::kNone)
-          crease = isCrease(normalAt(patch, level, nearest), normalAt(n.patch, level, theirs));
-        const uint8_t value = crease ? own[nearest] : from[theirs];
+        bool& end = ended[s][static_cast<size_t>(i)];
+        if (const auto first = static_cast<size_t>(channel); first % 3 == 0)
+          end = n.patch != PatchNeighbour::kNone &&
+                ends_.between(first, threeAt(patch, level, first, nearest), threeAt(n.patch, level, first, theirs));
+        const uint8_t value = end ? own[nearest] : from[theirs];
         if (upright) put(beyond, i, value);
         else put(i, beyond, value);
       }

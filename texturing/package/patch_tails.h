@@ -26,6 +26,7 @@
 #include "src/artwork/basis.h"
 #include "src/base/result.h"
 #include "texturing/codec/mip.h"
+#include "texturing/package/crease_gutter.h"
 #include "texturing/package/page_failures.h"
 #include "texturing/package/page_source.h"
 
@@ -105,17 +106,17 @@ PatchTails planeOfTails(const PatchTails& tails, int plane);
 // Blocks of patches of a base mesh; const and thread-safe.
 class TailBlocks {
  public:
-  // Both outlive it. normals: the channels from kNormalChannel on are normals, which end at creases (crease_gutter.h).
-  TailBlocks(const PatchTails& tails, const BaseMesh& base, bool normals = false);
+  // Both outlive it.
+  TailBlocks(const PatchTails& tails, const BaseMesh& base, GutterEnds ends = {});
   // Rows of texels, each a word a plane: channels 3 * plane .. 3 * plane + 2, the first in the lowest byte.
   void write(uint32_t patch, int level, uint32_t* out /* tailBlockTexels(level) * planes */) const;
 
  private:
   uint8_t beyondCorner(uint32_t patch, size_t corner, int level, int channel) const;
-  std::array<uint8_t, 3> normalAt(uint32_t patch, int level, size_t texel) const;
+  std::array<uint8_t, 3> threeAt(uint32_t patch, int level, size_t first_channel, size_t texel) const;
   const PatchTails& tails_;
   const BaseMesh& base_;
-  bool normals_;
+  GutterEnds ends_;
   std::vector<PatchNeighbours> neighbours_;
   std::vector<uint32_t> first_,
       at_;  // the corners of patches that meet at corner c of the mesh: at_[first_[c]] .. as patch * 4 + corner

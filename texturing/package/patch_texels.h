@@ -186,6 +186,11 @@ class TexelKeeper {
   std::vector<uint16_t> level_, coarser_;
 };
 
+inline GutterEnds gutterEnds(const PackageHeader& header, int level) {
+  const bool normals = hasNormals(header.texture);
+  return {.colours = header.tail_edges && level == kTail, .normals = normals};
+}
+
 // A level of a patch with its border, as wide as that of pages.
 class LevelReader {
  public:
@@ -220,21 +225,23 @@ class LevelReader {
         return upright ? i * side_ + edge : edge * side_ + i;
       };
       auto theirTexel = [&](size_t i) { return n.reversed ? side_ - 1 - i : i; };
-      creased_.assign(side_, 0);
-      if (hasNormals(c_.header.texture))
-        for (size_t i = 0; i < side_; ++i) {
-          std::array<uint8_t, 3> own, theirs;
-          for (size_t k = 0; k < 3; ++k) {
-            own[k] = inside_[(kNormalChannel + k) * side_ * side_ + ownTexel(i)];
-            theirs[k] = strip_[(kNormalChannel + k) * kGutterPx * side_ + theirTexel(i)];
-          }
-          creased_[i] = isCrease(own, theirs);
-        }
+      const GutterEnds ends = gutterEnds(c_.header, level);
+      auto three = [](const std::vector<uint8_t>& texels, size_t first, size_t plane_texels, size_t at) {
+        std::array<uint8_t, 3> out;
+        for (size_t k = 0; k < 3; ++k) out[k] = texels[(first + k) * plane_texels + at];
+        return out;
+      };
       const uint8_t* in = strip_.data();
-      // Of a patch that shows an image there are no such texels as ours: our own colours go on.
-      const size_t first = c_.showsImage(n.patch) ? kNormalChannel : 0;
+      // Of a patch that shows an image there are no such texels as ours but in the tail: our own colours go on.
+      const size_t first = c_.showsImage(n.patch) && level != kTail ? kNormalChannel : 0;
       in += first * kGutterPx * side_;
       for (size_t c = first; c < channels; ++c) {
+        if (c % 3 == 0) {
+          ended_.assign(side_, 0);
+          for (size_t i = 0; i < side_; ++i)
+            ended_[i] = ends.between(c, three(inside_, c, side_ * side_, ownTexel(i)),
+                                     three(strip_, c, kGutterPx * side_, theirTexel(i)));
+        }
         for (size_t d = 0; d < kGutterPx; ++d, in += side_) {
           // Texel i along the side, d + 1 texels beyond it.
           const size_t across = s == kLeft || s == kTop ? kPageBorderPx - 1 - d : kPageBorderPx + side_ + d;
@@ -242,8 +249,7 @@ class LevelReader {
                          (upright ? kPageBorderPx * stride() + across : across * stride() + kPageBorderPx);
           const size_t step = upright ? stride() : 1;
           for (size_t i = 0; i < side_; ++i)
-            out[i * step] =
-                creased_[i] && c >= kNormalChannel ? inside_[c * side_ * side_ + ownTexel(i)] : in[theirTexel(i)];
+            out[i * step] = ended_[i] ? inside_[c * side_ * side_ + ownTexel(i)] : in[theirTexel(i)];
         }
       }
     }
@@ -286,24 +292,25 @@ class LevelReader {
       const uint32_t of_patch = c_.at[i] / 4;
       return c_.corner_texels.data() + c_.cornerPlace(of_patch, c_.keptLevel(of_patch, level), c_.at[i] % 4);
     };
-    bool crease = false;
-    if (hasNormals(c_.header.texture)) {
-      std::array<uint8_t, 3> own, theirs;
-      for (size_t c = 0; c < 3; ++c) own[c] = bordered_[((kNormalChannel + c) * stride() + y_in) * stride() + x_in];
-      for (uint32_t i = c_.first[corner]; i < c_.first[corner + 1]; ++i) {
-        std::copy_n(cornerTexels(i) + kNormalChannel, 3, theirs.begin());
-        crease |= isCrease(own, theirs);
-      }
-    }
+    const GutterEnds ends = gutterEnds(c_.header, level);
+    bool ended = false;  // three channels end alike
     for (size_t c = 0; c < static_cast<size_t>(c_.store.channels); ++c) {
+      if (c % 3 == 0) {
+        ended = false;
+        std::array<uint8_t, 3> own, theirs;
+        for (size_t i = 0; i < 3; ++i) own[i] = bordered_[((c + i) * stride() + y_in) * stride() + x_in];
+        for (uint32_t i = c_.first[corner]; i < c_.first[corner + 1]; ++i) {
+          std::copy_n(cornerTexels(i) + c, 3, theirs.begin());
+          ended = ended || ends.between(c, own, theirs);
+        }
+      }
       uint8_t* plane = bordered_.data() + c * stride() * stride();
       auto at = [&](size_t x, size_t y) -> uint8_t& { return plane[y * stride() + x]; };
       size_t sum = 0;
       for (uint32_t i = c_.first[corner]; i < c_.first[corner + 1]; ++i) sum += cornerTexels(i)[c];
       const int four_means = static_cast<int>((8 * sum + meet) / (2 * meet));
-      const int beyond = crease && c >= kNormalChannel
-                             ? at(x_in, y_in)
-                             : std::clamp(four_means - at(x_in, y_in) - at(x_out, y_in) - at(x_in, y_out), 0, 255);
+      const int beyond =
+          ended ? at(x_in, y_in) : std::clamp(four_means - at(x_in, y_in) - at(x_out, y_in) - at(x_in, y_out), 0, 255);
       for (size_t j = 0; j < kPageBorderPx; ++j)
         for (size_t i = 0; i < kPageBorderPx; ++i)
           at(k % 2 ? x_out + i : x_out - i, k / 2 ? y_out + j : y_out - j) = static_cast<uint8_t>(beyond);
@@ -313,7 +320,7 @@ class LevelReader {
   const Context& c_;
   size_t side_ = 0;
   std::vector<uint8_t> inside_, bordered_, strip_, own_strip_, coarse_strip_, coarse_rows_;
-  std::vector<uint8_t> creased_;  // for each texel along a side: 1 where the patches meet at a crease
+  std::vector<uint8_t> ended_;  // for each texel along a side: 1 where three channels end
 };
 
 class DepthFinder {

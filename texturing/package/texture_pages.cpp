@@ -59,7 +59,8 @@ uint64_t TexturePages::bytes(const Manifest& m) {
 const TexturePages::Tails& TexturePages::tails() const {
   std::call_once(once_, [&] {
     tails_.tails = package_->tails(1, nullptr);
-    tails_.blocks.emplace(tails_.tails, *package_->manifest().base, hasNormals(package_->manifest().texture));
+    const Manifest& m = package_->manifest();
+    tails_.blocks.emplace(tails_.tails, *m.base, GutterEnds{.colours = m.tail_edges, .normals = hasNormals(m.texture)});
   });
   return tails_;
 }
