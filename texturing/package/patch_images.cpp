@@ -94,7 +94,10 @@ Error damaged(const std::string& what) {
 
 ShownImage::ShownImage(const SourceImage& image) : width_(image.width), height_(image.height), repeats_(image.repeats) {
   const MipFilter mip(TextureFormat{.basis = Basis::kColour});
-  levels_.push_back({width_, height_, {image.rgb.begin(), image.rgb.end()}});
+  levels_.push_back({width_, height_, {}});
+  levels_.back().rgb.reserve(image.rgb.size() + 1);
+  levels_.back().rgb.assign(image.rgb.begin(), image.rgb.end());
+  levels_.back().rgb.push_back(0);
   std::vector<uint16_t> fine, coarse;  // channel after channel
   // from(channel, texel): of the level so far.
   auto halve = [&](auto from) {
@@ -111,7 +114,7 @@ ShownImage::ShownImage(const SourceImage& image) : width_(image.width), height_(
     const auto texels = static_cast<size_t>(level.width * level.height);
     coarse.resize(3 * texels);
     mip.downsample(even.data(), static_cast<int>(even_width), static_cast<int>(even_height), coarse.data());
-    level.rgb.resize(coarse.size());
+    level.rgb.resize(coarse.size() + 1);
     for (size_t c = 0; c < 3; ++c)
       for (size_t i = 0; i < texels; ++i) level.rgb[3 * i + c] = byteFromLevel(coarse[c * texels + i]);
     levels_.push_back(std::move(level));
@@ -141,31 +144,61 @@ ShownImage::Repetition ShownImage::repetitionOf(const std::array<glm::ivec2, 3>&
 }
 
 std::array<uint8_t, 3> ShownImage::sample(int64_t x, int64_t y, int level, const Repetition& repetition) const {
+  std::array<uint8_t, 3> out;
+  sampleLine({.from = {x, y}, .count = 1}, level, repetition, {&out[0], &out[1], &out[2]});
+  return out;
+}
+
+void ShownImage::sampleLine(const Line& line, int level, const Repetition& repetition,
+                            const std::array<uint8_t*, 3>& out) const {
   const auto k = std::min(static_cast<size_t>(level), levels_.size() - 1);
   const Level& l = levels_[k];
-  struct Axis {
-    int64_t low, high, to_high;
-  };
-  auto axis = [&](int64_t at, size_t i, int64_t extent, int64_t of_level) {
-    const bool repeats = repetition.repeats[i];
-    at -= repetition.from[i];
-    if (repeats) at = modulo(at, extent << kPlaceLog2);
-    const int64_t middle = (at >> k) - (int64_t{1} << (kPlaceLog2 - 1)), low = middle >> kPlaceLog2;
-    const int64_t last = of_level - 1, to_high = middle & ((int64_t{1} << kPlaceLog2) - 1);
-    if (!repeats) return Axis{std::clamp<int64_t>(low, 0, last), std::clamp<int64_t>(low + 1, 0, last), to_high};
-    return Axis{low < 0 ? last : low, low >= last ? 0 : low + 1, to_high};  // `at` lies within the image
-  };
-  const Axis u = axis(x, 0, width_, l.width), v = axis(y, 1, height_, l.height);
-  const uint8_t *above = l.rgb.data() + 3 * v.low * l.width, *below = l.rgb.data() + 3 * v.high * l.width;
   constexpr int64_t kWhole = int64_t{1} << kPlaceLog2;
-  std::array<uint8_t, 3> out;
-  for (int64_t c = 0; c < 3; ++c) {
-    const int64_t top = above[3 * u.low + c] * (kWhole - u.to_high) + above[3 * u.high + c] * u.to_high,
-                  bottom = below[3 * u.low + c] * (kWhole - u.to_high) + below[3 * u.high + c] * u.to_high;
-    out[static_cast<size_t>(c)] = static_cast<uint8_t>(
-        (top * (kWhole - v.to_high) + bottom * v.to_high + kWhole * kWhole / 2) >> (2 * kPlaceLog2));
+  struct Axis {
+    bool repeats;
+    int64_t from, extent, last;  // from and extent in 256ths of a texel
+  };
+  auto axisOf = [&](size_t i, int64_t extent, int64_t of_level) {
+    return Axis{repetition.repeats[i], line.from[i] - repetition.from[i], extent << kPlaceLog2, of_level - 1};
+  };
+  const std::array<Axis, 2> axes{axisOf(0, width_, l.width), axisOf(1, height_, l.height)};
+  struct Between {
+    int64_t low, high;
+    uint64_t to_high;
+  };
+  auto between = [k](const Axis& axis, int64_t moved) {
+    int64_t at = axis.from + moved;
+    if (axis.repeats) at = modulo(at, axis.extent);
+    const int64_t middle = (at >> k) - kWhole / 2, low = middle >> kPlaceLog2;
+    const auto to_high = static_cast<uint64_t>(middle & (kWhole - 1));
+    // One that repeats lies within the image.
+    if (axis.repeats) return Between{low < 0 ? axis.last : low, low >= axis.last ? 0 : low + 1, to_high};
+    return Between{std::clamp<int64_t>(low, 0, axis.last), std::clamp<int64_t>(low + 1, 0, axis.last), to_high};
+  };
+  // Red and blue of a texel lie 32 bits apart, so that one product weighs both: sums have 24 bits.
+  auto redBlue = [](uint32_t texel) { return uint64_t{texel & 0xFFu} | uint64_t{texel & 0xFF0000u} << 16; };
+  auto green = [](uint32_t texel) { return uint64_t{texel >> 8 & 0xFFu}; };
+  std::array<int64_t, 2> at = line.begin;
+  for (size_t i = 0; i < line.count; ++i) {
+    const Between u = between(axes[0], at[0] >> line.shift), v = between(axes[1], at[1] >> line.shift);
+    const uint8_t *above = l.rgb.data() + 3 * v.low * l.width, *below = l.rgb.data() + 3 * v.high * l.width;
+    const std::array<uint32_t, 4> texels{
+        loadLittle<uint32_t>(above + 3 * u.low), loadLittle<uint32_t>(above + 3 * u.high),
+        loadLittle<uint32_t>(below + 3 * u.low), loadLittle<uint32_t>(below + 3 * u.high)};
+    constexpr uint64_t kUnit = kWhole;
+    const std::array<uint64_t, 4> weights{(kUnit - u.to_high) * (kUnit - v.to_high), u.to_high * (kUnit - v.to_high),
+                                          (kUnit - u.to_high) * v.to_high, u.to_high * v.to_high};
+    constexpr uint64_t kHalf = kUnit * kUnit / 2;
+    uint64_t red_blue = kHalf | kHalf << 32, of_green = kHalf;
+    for (size_t n = 0; n < 4; ++n) {
+      red_blue += weights[n] * redBlue(texels[n]);
+      of_green += weights[n] * green(texels[n]);
+    }
+    out[0][i] = static_cast<uint8_t>(red_blue >> (2 * kPlaceLog2));
+    out[1][i] = static_cast<uint8_t>(of_green >> (2 * kPlaceLog2));
+    out[2][i] = static_cast<uint8_t>(red_blue >> (2 * kPlaceLog2 + 32));
+    for (size_t axis = 0; axis < 2; ++axis) at[axis] += line.step[axis];
   }
-  return out;
 }
 
 int shownLevel(const PatchImage& patch, size_t half, int side_log2) {
@@ -183,16 +216,18 @@ int shownLevel(const PatchImage& patch, size_t half, int side_log2) {
 
 namespace {
 
-// Calls use(texel, half, along, across) for each: twice the distance, in texels, from a half's corner (0,0) towards its
-// next one, and from there towards (1,1).
+// Calls use(first, count, half, along, across) for each row's texels of a half, which lie side by side, the first one
+// at texel `first`: twice its distance, in texels, from the half's corner (0,0) towards its next one, and from there
+// towards (1,1). Of the texels after it the one along u grows by 2: `along` in half 0, `across` in half 1.
 template <class Use>
-void forEachTexel(const ShownTexels& which, Use&& use) {
-  for (size_t j = 0; j < which.count; ++j)
-    for (size_t i = 0; i < which.count; ++i) {
-      const int64_t u = 2 * (which.x0 + static_cast<int64_t>(i)) + 1, v = 2 * (which.y0 + static_cast<int64_t>(j)) + 1;
-      const size_t half = v > u;
-      use(j * which.count + i, half, half ? v : u, half ? u : v);
-    }
+void forEachLine(const ShownTexels& which, Use&& use) {
+  for (size_t j = 0; j < which.count; ++j) {
+    const int64_t y = which.y0 + static_cast<int64_t>(j), u = 2 * which.x0 + 1, v = 2 * y + 1;
+    const auto split = static_cast<size_t>(std::clamp<int64_t>(y - which.x0, 0, static_cast<int64_t>(which.count)));
+    if (split > 0) use(j * which.count, split, size_t{1}, v, u);
+    if (split < which.count)
+      use(j * which.count + split, which.count - split, size_t{0}, u + 2 * static_cast<int64_t>(split), v);
+  }
 }
 
 }  // namespace
@@ -204,32 +239,43 @@ void showImages(const PatchImage& patch, const std::array<const ShownImage*, 2>&
   const std::array<int, 2> levels{shownLevel(patch, 0, which.side_log2), shownLevel(patch, 1, which.side_log2)};
   const std::array<ShownImage::Repetition, 2> repetitions{images[0]->repetitionOf(patch.at[0]),
                                                           images[1]->repetitionOf(patch.at[1])};
-  forEachTexel(which, [&](size_t texel, size_t half, int64_t along, int64_t across) {
+  forEachLine(which, [&](size_t first, size_t count, size_t half, int64_t along, int64_t across) {
     const auto& at = patch.at[half];
-    auto place = [&](int axis) {
+    ShownImage::Line line{.shift = which.side_log2 + 1, .count = count};
+    for (int axis = 0; axis < 2; ++axis) {
       const int64_t a = at[0][axis], b = at[1][axis], c = at[2][axis];
-      return a + (((b - a) * along + (c - b) * across) >> (which.side_log2 + 1));
-    };
-    const auto rgb = images[half]->sample(place(0), place(1), levels[half], repetitions[half]);
-    for (size_t c = 0; c < 3; ++c) out[c * plane + texel] = rgb[c];
+      const auto i = static_cast<size_t>(axis);
+      line.from[i] = a;
+      line.begin[i] = (b - a) * along + (c - b) * across;
+      line.step[i] = 2 * (half == 0 ? b - a : c - b);
+    }
+    uint8_t* to = out.data() + first;
+    images[half]->sampleLine(line, levels[half], repetitions[half], {to, to + plane, to + 2 * plane});
   });
 }
 
 void showNormals(const PatchImage& patch, const ShownTexels& which, std::span<uint8_t> out) {
   const size_t plane = which.count * which.count;
   assert(out.size() >= 3 * plane);
-  forEachTexel(which, [&](size_t texel, size_t half, int64_t along, int64_t across) {
+  forEachLine(which, [&](size_t first, size_t count, size_t half, int64_t along, int64_t across) {
     const auto& at = patch.normal[half];
-    std::array<double, 3> n;  // whole numbers below 2^26: sums of their squares are exact
+    // Whole numbers below 2^26: sums of their squares are exact.
+    std::array<double, 3> begin, step;
     for (int axis = 0; axis < 3; ++axis) {
       auto twice = [&](size_t k) { return 2 * int64_t{at[k][axis]} - 255; };
-      n[static_cast<size_t>(axis)] = static_cast<double>(
-          (twice(0) << (which.side_log2 + 1)) + (twice(1) - twice(0)) * along + (twice(2) - twice(1)) * across);
+      const auto i = static_cast<size_t>(axis);
+      begin[i] = static_cast<double>((twice(0) << (which.side_log2 + 1)) + (twice(1) - twice(0)) * along +
+                                     (twice(2) - twice(1)) * across);
+      step[i] = static_cast<double>(2 * (half == 0 ? twice(1) - twice(0) : twice(2) - twice(1)));
     }
-    const double length = std::sqrt(n[0] * n[0] + n[1] * n[1] + n[2] * n[2]);
-    for (size_t c = 0; c < 3; ++c)
-      out[c * plane + texel] =
-          length > 0 ? static_cast<uint8_t>(std::floor(127.5 * (n[c] / length) + 128)) : uint8_t{128};
+    uint8_t* to = out.data() + first;
+    for (size_t i = 0; i < count; ++i) {
+      const auto k = static_cast<double>(i);
+      const double x = begin[0] + k * step[0], y = begin[1] + k * step[1], z = begin[2] + k * step[2];
+      const double length = std::sqrt(x * x + y * y + z * z), divisor = length > 0 ? length : 1;
+      auto byte = [&](double of) { return static_cast<uint8_t>(static_cast<int>(127.5 * (of / divisor) + 128)); };
+      to[i] = byte(x), to[plane + i] = byte(y), to[2 * plane + i] = byte(z);
+    }
   });
 }
 

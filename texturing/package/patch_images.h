@@ -32,11 +32,18 @@ class ShownImage {
   // Bilinear, at a place in 256ths of a texel of the finest level, from the image's upper left corner on. level: 0 is
   // the finest, beyond the coarsest that one is taken.
   std::array<uint8_t, 3> sample(int64_t x, int64_t y, int level, const Repetition& repetition) const;
+  // Texels along a line: the k-th lies at from + ((begin + k step) >> shift). out: a channel's each, `count` of them.
+  struct Line {
+    std::array<int64_t, 2> from{}, begin{}, step{};
+    int shift = 0;
+    size_t count = 0;
+  };
+  void sampleLine(const Line& line, int level, const Repetition& repetition, const std::array<uint8_t*, 3>& out) const;
 
  private:
   struct Level {
     int64_t width, height;
-    std::vector<uint8_t> rgb;
+    std::vector<uint8_t> rgb;  // and a byte, so that four may be read at any texel
   };
   int64_t width_, height_;
   bool repeats_;

@@ -88,20 +88,33 @@ Result<std::string> manifestOf(const PackageHeader& h, const PatchSource& source
   return manifestText(json);
 }
 
-Result<void> writeTails(const Context& c, const BuildOptions& options, PackageWriter& writer) {
-  const auto patches = static_cast<uint32_t>(c.source.base().patches.size());
+// The tails of patches first .. first + count, as a chunk's bytes.
+Result<std::vector<uint8_t>> tailsChunk(const Context& c, const BuildOptions& options, uint32_t first, uint32_t count) {
+  PatchTails tails(count, c.store.channels);
   std::vector<uint8_t> bytes(c.tailBytes());
-  for (uint32_t first = 0; first < patches; first += kTailsChunkPatches) {
-    const uint32_t count = std::min(kTailsChunkPatches, patches - first);
-    PatchTails tails(count, c.store.channels);
-    for (uint32_t i = 0; i < count; ++i) {
-      if (auto read = c.tails->read((first + i) * c.tailBytes(), bytes.data(), bytes.size()); !read) return read;
-      std::memcpy(tails.heightsOf(i).data(), bytes.data(), 2 * kTailHeights);
-      std::copy(bytes.begin() + 2 * kTailHeights, bytes.end(), tails.texelsOf(i).begin());
+  for (uint32_t i = 0; i < count; ++i) {
+    if (auto read = c.tails->read((first + i) * c.tailBytes(), bytes.data(), bytes.size()); !read) return read.error();
+    std::memcpy(tails.heightsOf(i).data(), bytes.data(), 2 * kTailHeights);
+    std::copy(bytes.begin() + 2 * kTailHeights, bytes.end(), tails.texelsOf(i).begin());
+  }
+  const auto corners = std::span(c.source.base().patches).subspan(first, count);
+  return encodeTailsChunk(tails, 0, count, tailsStorage(c.header), corners, options.zstd_level);
+}
+
+Result<void> writeTails(const Context& c, const BuildOptions& options, int workers, PackageWriter& writer) {
+  const auto patches = static_cast<uint32_t>(c.source.base().patches.size());
+  const size_t chunks = tailsChunks(patches), at_once = size_t{2} * static_cast<size_t>(std::max(workers, 1));
+  for (size_t begin = 0; begin < chunks; begin += at_once) {
+    std::vector<Result<std::vector<uint8_t>>> made(std::min(at_once, chunks - begin), std::vector<uint8_t>());
+    const bool whole = parallelFor(made.size(), workers, options.interrupted, [&](size_t i) {
+      const auto first = static_cast<uint32_t>((begin + i) * kTailsChunkPatches);
+      made[i] = tailsChunk(c, options, first, std::min(kTailsChunkPatches, patches - first));
+    });
+    if (!whole) return Error{ErrorKind::kInterrupted, options.output, "interrupted", "nothing was written", {}};
+    for (const auto& chunk : made) {
+      if (!chunk) return chunk.error();
+      if (auto written = writer.appendTails(*chunk); !written) return written;
     }
-    const auto corners = std::span(c.source.base().patches).subspan(first, count);
-    auto chunk = encodeTailsChunk(tails, 0, count, tailsStorage(c.header), corners, options.zstd_level);
-    if (auto written = writer.appendTails(chunk); !written) return written;
   }
   return {};
 }
@@ -352,7 +365,7 @@ Result<BuildReport> buildPatchPackage(const PatchSource& source, const BuildOpti
   if (auto ran = passOver<ReliefWriter>(context, options, force.workers, **writer, reporter); !ran) return ran.error();
   if (auto ran = passOver<TextureWriter>(context, options, force.workers, **writer, reporter); !ran) return ran.error();
 
-  if (auto written = writeTails(context, options, **writer); !written) return written.error();
+  if (auto written = writeTails(context, options, force.workers, **writer); !written) return written.error();
   if (auto written = writeImages(context, options, force.workers, **writer); !written) return written.error();
   auto file_bytes = (*writer)->finish(options.interrupted);
   if (!file_bytes) return file_bytes.error();
