@@ -93,7 +93,7 @@ class BakedPatches final : public PatchSource {
     return true;
   }
   bool errorShapes(uint32_t patch, int cells_log2, std::span<DeviationShape> out) const override {
-    const std::vector<DeviationShape>& shapes = bake_.errorsOfGrid(patch, cells_log2).shapes;
+    const std::vector<DeviationShape> shapes = bake_.errorsOfGrid(patch, cells_log2).shapes;
     std::copy(shapes.begin(), shapes.end(), out.begin());
     return true;
   }

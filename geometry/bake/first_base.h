@@ -15,7 +15,7 @@ namespace relievo {
 // scan's own triangles take a tenth of these bytes, and show what nothing else does.
 inline constexpr uint32_t kMostPatches = 4096, kFewFaces = 36'864, kManyFaces = 65'536;
 // Where all of that misses, as of scans of many small pieces: simplified triangles, and the scan's own.
-inline constexpr uint32_t kMostSimplified = 131'072, kMostFaces = 131'072;
+inline constexpr uint32_t kMostSimplified = 131'072, kMostFaces = 262'144;
 
 // Of a scan's triangles beside a crease: beyond it own triangles take fewer bytes than larger patches.
 inline constexpr double kMostlyCreased = 0.5;

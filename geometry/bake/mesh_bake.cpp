@@ -22,13 +22,63 @@
 
 namespace relievo {
 
+namespace {
+
+// What gridErrors() returned for a patch. A grid whose blocks are alike takes one: that is all grids of a patch which
+// lies on the scan, and most patches of scans that are their own base do.
+class PatchErrors {
+ public:
+  PatchErrors() = default;
+  explicit PatchErrors(const std::vector<GridErrors>& grids) {
+    for (size_t log2 = 0; log2 < grids.size(); ++log2) {
+      const GridErrors& grid = grids[log2];
+      const bool alike =
+          std::all_of(grid.mm.begin(), grid.mm.end(), [&](float mm) { return mm == grid.mm[0]; }) &&
+          std::all_of(grid.shapes.begin(), grid.shapes.end(), [&](const auto& s) { return s == grid.shapes[0]; });
+      if (alike) alike_ |= uint32_t{1} << log2;
+      const size_t kept = alike ? 1 : grid.mm.size();
+      mm_.insert(mm_.end(), grid.mm.begin(), grid.mm.begin() + static_cast<std::ptrdiff_t>(kept));
+      shapes_.insert(shapes_.end(), grid.shapes.begin(), grid.shapes.begin() + static_cast<std::ptrdiff_t>(kept));
+    }
+    mm_.shrink_to_fit();
+    shapes_.shrink_to_fit();
+  }
+  GridErrors grid(int log2) const {
+    const size_t at = before(log2), blocks = blocksOf(log2);
+    if (isAlike(log2)) return {std::vector(blocks, mm_[at]), std::vector(blocks, shapes_[at])};
+    const auto first = static_cast<std::ptrdiff_t>(at), last = static_cast<std::ptrdiff_t>(at + blocks);
+    return {{mm_.begin() + first, mm_.begin() + last}, {shapes_.begin() + first, shapes_.begin() + last}};
+  }
+  float largest(int log2) const {
+    const auto first = mm_.begin() + static_cast<std::ptrdiff_t>(before(log2));
+    return *std::max_element(first, first + static_cast<std::ptrdiff_t>(isAlike(log2) ? 1 : blocksOf(log2)));
+  }
+
+ private:
+  static size_t blocksOf(int log2) {
+    const auto side = static_cast<size_t>(errorBlocksPerSide(log2));
+    return side * side;
+  }
+  bool isAlike(int log2) const { return alike_ >> log2 & 1; }
+  size_t before(int log2) const {
+    size_t at = 0;
+    for (int k = 0; k < log2; ++k) at += isAlike(k) ? 1 : blocksOf(k);
+    return at;
+  }
+  uint32_t alike_ = 0;  // bit log2
+  std::vector<float> mm_;
+  std::vector<DeviationShape> shapes_;
+};
+
+}  // namespace
+
 struct MeshBake::Impl {
   BakeContext context;
   BakedHeights baked;
   std::vector<uint16_t> exact;  // as they were baked, where those of `baked` are not
   BakeTexture texture;
   BakeReport report;
-  std::vector<std::vector<GridErrors>> errors;  // for each patch, as gridErrors() returns them
+  std::vector<PatchErrors> errors;  // for each patch
   double error_unit_mm = 0;
   bool always_errors = true;
 
@@ -81,8 +131,8 @@ BakeTexture textureOf(const TriMesh& mesh, std::span<const MeshBake::Image> imag
 
 // The errors of each patch's grids (gridErrors()). What grids leave out between samples is left out here, too, where it
 // is a small share of the tolerance. Empty: the bake was interrupted.
-std::vector<std::vector<GridErrors>> errorsOfPatches(const BakeContext& context, const BakedHeights& baked,
-                                                     double tolerance_mm, const std::function<void(double)>& progress) {
+std::vector<PatchErrors> errorsOfPatches(const BakeContext& context, const BakedHeights& baked, double tolerance_mm,
+                                         const std::function<void(double)>& progress) {
   // Of the tolerance, and of the shapes, which packages round to sevenths. Packages keep no shape of errors up to half
   // the RMS that is aimed at (PatchSource::slightErrorMm()).
   constexpr double kNegligible = 1.0 / 16, kNegligibleTurn = 1.0 / 16, kSlight = 0.15;
@@ -91,26 +141,28 @@ std::vector<std::vector<GridErrors>> errorsOfPatches(const BakeContext& context,
     GridErrorScratch errors;
   };
   const size_t patches = context.base.patches.size();
-  std::vector<std::vector<GridErrors>> errors(patches);
+  std::vector<PatchErrors> errors(patches);
   const bool done = parallelForWith(
       patches, context.workers, context.interrupted, [&] { return Scratch{}; },
       [&](Scratch& s, size_t p) {
         const BetweenSamples between = baked.betweenSamples(context, static_cast<uint32_t>(p));
         PatchNormals normals{.corners = {}, .cut = context.base.cut};
         for (size_t k = 0; k < 4; ++k) normals.corners[k] = context.base.corners[context.base.patches[p][k]].normal;
+        std::vector<GridErrors> found;
         auto from = [&](int log2) {
           for (int k = static_cast<int>(s.grids.size()); k <= log2; ++k) s.grids.emplace_back(k);
           SurfaceGrid& grid = s.grids[static_cast<size_t>(log2)];
           baked.surface(context, static_cast<uint32_t>(p), grid);
-          errors[p] = gridErrors(grid, between, normals, s.errors);
+          found = gridErrors(grid, between, normals, s.errors);
         };
         const int coarsest = between.coarsestWithin(kNegligible * tolerance_mm);
         from(coarsest);
-        if (errors[p][0].mm[0] <= kSlight * tolerance_mm)
-          return;  // of such errors it matters to nobody where they point
         int log2 = coarsest;
-        while (log2 < between.finest_log2 && between.normalChange(log2) > kNegligibleTurn) ++log2;
+        // Of slight errors it matters to nobody where they point.
+        if (found[0].mm[0] > kSlight * tolerance_mm)
+          while (log2 < between.finest_log2 && between.normalChange(log2) > kNegligibleTurn) ++log2;
         if (log2 > coarsest) from(log2);
+        errors[p] = PatchErrors(found);
       },
       [&](size_t taken) {
         if (progress) progress(static_cast<double>(taken) / static_cast<double>(patches));
@@ -120,10 +172,9 @@ std::vector<std::vector<GridErrors>> errorsOfPatches(const BakeContext& context,
 }
 
 // The unit in which the largest error fits into 16 bits.
-double errorUnit(const std::vector<std::vector<GridErrors>>& errors, double relief_scale_mm) {
+double errorUnit(const std::vector<PatchErrors>& errors, double relief_scale_mm) {
   float largest = 0;
-  for (const auto& by_grid : errors)
-    for (float e : by_grid[kPageCellsLog2].mm) largest = std::max(largest, e);
+  for (const PatchErrors& of_patch : errors) largest = std::max(largest, of_patch.largest(kPageCellsLog2));
   return largest > 0           ? static_cast<double>(largest) / 65535.0 * (1 + 1e-9)
          : relief_scale_mm > 0 ? relief_scale_mm
                                : 1.0;
@@ -263,13 +314,10 @@ Result<void> MeshBake::heights(uint32_t patch, std::span<uint16_t> out) const {
   return {};
 }
 
-const GridErrors& MeshBake::errorsOfGrid(uint32_t patch, int cells_log2) const {
-  return impl_->errors[patch][static_cast<size_t>(cells_log2)];
+GridErrors MeshBake::errorsOfGrid(uint32_t patch, int cells_log2) const {
+  return impl_->errors[patch].grid(cells_log2);
 }
-float MeshBake::errorOfGrid(uint32_t patch, int cells_log2) const {
-  const std::vector<float>& mm = errorsOfGrid(patch, cells_log2).mm;
-  return *std::max_element(mm.begin(), mm.end());
-}
+float MeshBake::errorOfGrid(uint32_t patch, int cells_log2) const { return impl_->errors[patch].largest(cells_log2); }
 
 Result<void> MeshBake::texels(uint32_t patch, std::span<uint8_t> out) const {
   const Impl& b = *impl_;

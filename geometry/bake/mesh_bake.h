@@ -182,7 +182,7 @@ class MeshBake {
   // The errors of a patch's grid of 2^cells_log2 cells a side, 0 <= cells_log2 <= 7 + reliefDepth(), since grids
   // coarser than a root page's are drawn, too. By blocks of 8 x 8 cells: index y * B + x, B = errorBlocks(cells_log2).
   static int errorBlocks(int cells_log2) { return errorBlocksPerSide(cells_log2); }
-  const GridErrors& errorsOfGrid(uint32_t patch, int cells_log2) const;
+  GridErrors errorsOfGrid(uint32_t patch, int cells_log2) const;
   float errorOfGrid(uint32_t patch, int cells_log2) const;  // the largest over the patch
 
  private:

@@ -38,7 +38,7 @@ namespace relievo {
 inline constexpr int kMaxFeedbackInterval = 16;
 inline constexpr double kSpareCacheMib = 64;
 
-inline constexpr double kMostCacheMib = 1024;  // of programs where nobody named a size
+inline constexpr double kMostCacheMib = 1280;  // of programs where nobody named a size
 
 struct EngineOptions {
   double cache_mib = 256;  // all planes together, and the patches' tails

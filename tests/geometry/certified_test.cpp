@@ -404,9 +404,7 @@ struct Baked final : ReliefOracle {
     return {std::nextafter(static_cast<float>(mm(low)), -1e30f), std::nextafter(static_cast<float>(mm(high)), 1e30f),
             *std::max_element(blocks.begin(), blocks.end())};
   }
-  const GridErrors& of(const NodeId& page) const {
-    return bake->errorsOfGrid(page.patch, 7 + static_cast<int>(page.level));
-  }
+  GridErrors of(const NodeId& page) const { return bake->errorsOfGrid(page.patch, 7 + static_cast<int>(page.level)); }
   // A page's blocks, of those of all pages of its level.
   template <class T>
   static bool pick(const std::vector<T>& all, const NodeId& page, std::span<T> out) {

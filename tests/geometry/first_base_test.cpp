@@ -117,24 +117,24 @@ TEST(FirstBase, WhereAllOthersMissMorePatchesAreTriedFourTimesAsManyAtATime) {
   uint32_t most = kMostPatches;
   bool found = false;
   // Own triangles are not few enough: one step after the other, each of which is baked and misses.
-  EXPECT_EQ(triedMore(most, 200'000, 1, found), std::vector<int>{16'384});
+  EXPECT_EQ(triedMore(most, 300'000, 1, found), std::vector<int>{16'384});
   EXPECT_TRUE(found);
-  EXPECT_EQ(triedMore(most, 200'000, 1, found), (std::vector<int>{-131'072, 65'536}));
-  EXPECT_EQ(triedMore(most, 200'000, 1, found), (std::vector<int>{-131'072, 131'072}));
+  EXPECT_EQ(triedMore(most, 300'000, 1, found), (std::vector<int>{-262'144, 65'536}));
+  EXPECT_EQ(triedMore(most, 300'000, 1, found), (std::vector<int>{-262'144, 131'072}));
   EXPECT_TRUE(found);
-  EXPECT_TRUE(triedMore(most, 200'000, 1, found).empty()) << "nothing is left";
+  EXPECT_TRUE(triedMore(most, 300'000, 1, found).empty()) << "nothing is left";
   EXPECT_FALSE(found);
   // Own triangles take the place of the second step.
   most = kMostPatches;
   EXPECT_EQ(triedMore(most, 100'000, 1, found), std::vector<int>{16'384});
-  EXPECT_EQ(triedMore(most, 100'000, 1, found), std::vector<int>{-131'072});
+  EXPECT_EQ(triedMore(most, 100'000, 1, found), std::vector<int>{-262'144});
   EXPECT_TRUE(found);
   // Steps that are no base, as of very many pieces, are passed over.
   most = kMostPatches;
-  EXPECT_EQ(triedMore(most, 200'000, 100'000, found), (std::vector<int>{16'384, -131'072, 65'536, -131'072, 131'072}));
+  EXPECT_EQ(triedMore(most, 300'000, 100'000, found), (std::vector<int>{16'384, -262'144, 65'536, -262'144, 131'072}));
   EXPECT_TRUE(found);
   most = kMostPatches;
-  triedMore(most, 200'000, 200'000, found);
+  triedMore(most, 300'000, 200'000, found);
   EXPECT_FALSE(found);
 }
 

@@ -353,8 +353,8 @@ TEST_P(MeshBakeOver, errorsBoundTheDistanceOfCoarserGrids) {
     std::vector<float> finer;
     for (int log2 = 8; log2 >= 0; --log2) {
       const auto blocks = static_cast<size_t>(MeshBake::errorBlocks(log2));
-      const std::vector<float>& errors = baked->errorsOfGrid(p, log2).mm;
-      const std::vector<DeviationShape>& shapes = baked->errorsOfGrid(p, log2).shapes;
+      const std::vector<float> errors = baked->errorsOfGrid(p, log2).mm;
+      const std::vector<DeviationShape> shapes = baked->errorsOfGrid(p, log2).shapes;
       if (log2 == 8) {
         EXPECT_EQ(*std::max_element(errors.begin(), errors.end()), 0.0f);
       }
