@@ -45,6 +45,8 @@ struct GutterEnds {
   bool normals = false;  // from kNormalChannel on: at creases
   // Three channels end alike, from this one on.
   static constexpr size_t firstOf(size_t channel) { return channel / 3 * 3; }
+  // Whether between() may say so at all.
+  bool anyOf(size_t first) const { return first == 0 ? colours : first == kNormalChannel && normals; }
   bool between(size_t first, const std::array<uint8_t, 3>& own, const std::array<uint8_t, 3>& theirs) const {
     if (first == 0) return colours && isColourEdge(own, theirs);
     return first == kNormalChannel && normals && isCrease(own, theirs);

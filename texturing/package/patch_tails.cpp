@@ -168,7 +168,7 @@ uint8_t TailBlocks::beyondCorner(uint32_t patch, size_t k, int level, int channe
   size_t sum = 0;
   const size_t meet = first_[corner + 1] - first_[corner];
   const size_t three = GutterEnds::firstOf(static_cast<size_t>(channel));
-  for (uint32_t i = first_[corner]; i < first_[corner + 1]; ++i)
+  for (uint32_t i = first_[corner]; ends_.anyOf(three) && i < first_[corner + 1]; ++i)
     if (ends_.between(three, threeAt(patch, level, three, texelAt(k)),
                       threeAt(at_[i] / 4, level, three, texelAt(at_[i] % 4))))
       return cornerTexel(patch, k);
@@ -217,7 +217,7 @@ void TailBlocks::write(uint32_t patch, int level, uint32_t* out) const {
                    nearest = static_cast<size_t>(upright ? i * side + edge : edge * side + i);
         bool& end = ended[s][static_cast<size_t>(i)];
         if (const auto first = static_cast<size_t>(channel); first % 3 == 0)
-          end = n.patch != PatchNeighbour::kNone &&
+          end = n.patch != PatchNeighbour::kNone && ends_.anyOf(first) &&
                 ends_.between(first, threeAt(patch, level, first, nearest), threeAt(n.patch, level, first, theirs));
         const uint8_t value = end ? own[nearest] : from[theirs];
         if (upright) put(beyond, i, value);

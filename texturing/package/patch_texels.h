@@ -238,7 +238,7 @@ class LevelReader {
       for (size_t c = first; c < channels; ++c) {
         if (c % 3 == 0) {
           ended_.assign(side_, 0);
-          for (size_t i = 0; i < side_; ++i)
+          for (size_t i = 0; ends.anyOf(c) && i < side_; ++i)
             ended_[i] = ends.between(c, three(inside_, c, side_ * side_, ownTexel(i)),
                                      three(strip_, c, kGutterPx * side_, theirTexel(i)));
         }
@@ -299,7 +299,7 @@ class LevelReader {
         ended = false;
         std::array<uint8_t, 3> own, theirs;
         for (size_t i = 0; i < 3; ++i) own[i] = bordered_[((c + i) * stride() + y_in) * stride() + x_in];
-        for (uint32_t i = c_.first[corner]; i < c_.first[corner + 1]; ++i) {
+        for (uint32_t i = c_.first[corner]; ends.anyOf(c) && i < c_.first[corner + 1]; ++i) {
           std::copy_n(cornerTexels(i) + c, 3, theirs.begin());
           ended = ended || ends.between(c, own, theirs);
         }
