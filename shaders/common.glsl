@@ -29,5 +29,7 @@ int sampleAt(ivec3 place, int x) {
 }
 int reliefSample(ivec3 origin, ivec2 s) { return sampleAt(origin + ivec3(s.x >> 1, s.y, 0), s.x); }
 
+const uint kSignBit = 0x80000000u;  // of a float's bits
+
 // 2^e, exact, for -126 <= e <= 127.
 float powerOfTwo(int e) { return intBitsToFloat((127 + e) << 23); }

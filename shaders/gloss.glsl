@@ -2,20 +2,16 @@
 // whose head states the formula and where normals come from). After shade(), whose lights these are.
 #include "srgb.glsl"
 
-uniform vec4 u_gloss;   // reflectance; the fourth power of the roughness; -; -
-uniform vec4 u_viewer;  // w 0: the unit vector towards the viewer of an orthographic picture; 1: the viewer is the eye
+uniform vec4 u_gloss;  // reflectance; the fourth power of the roughness; -; -
 #ifndef NEAR_LIGHTS
-uniform sampler2D u_kept_depth;    // of the surface buffer: its own texture is the depth buffer while this is drawn
-uniform vec4 u_eye_from_pixel[4];  // columns: from a pixel's place and depth, 0..1, to mm from the eye
+uniform sampler2D u_kept_depth;  // of the surface buffer: its own texture is the depth buffer while this is drawn
 #endif
 
 bool glossPlace(ivec2 pixel, out vec3 place) {
   ivec2 size = textureSize(u_kept_depth, 0);
   pixel = clamp(pixel, ivec2(0), size - 1);
   float depth = texelFetch(u_kept_depth, pixel, 0).r;
-  mat4 eye_from_pixel = mat4(u_eye_from_pixel[0], u_eye_from_pixel[1], u_eye_from_pixel[2], u_eye_from_pixel[3]);
-  vec4 p = eye_from_pixel * vec4((vec2(pixel) + 0.5) / vec2(size), depth, 1.0);
-  place = p.xyz / p.w;
+  place = placeAtDepth((vec2(pixel) + 0.5) / vec2(size), depth);
   return depth > 0.0 && depth < 1.0;
 }
 
@@ -62,7 +58,7 @@ vec3 glossed(vec3 colour, vec3 channels[PLANES]) {
   ivec2 pixel = ivec2(gl_FragCoord.xy);
   vec3 place;
   glossPlace(pixel, place);
-  vec3 viewer = u_viewer.w > 0.0 ? normalize(-place) : u_viewer.xyz;
+  vec3 viewer = normalize(wayToViewer(place));
 #if SHADING == RV_SHADING_ALBEDO_NORMAL
   vec3 normal = normalize(channels[1] / kNormalUnit - 1.0);
 #else

@@ -12,8 +12,7 @@ uniform vec4 u_light_colours[LIGHTS];  // linear, times the intensity
 uniform vec4 u_light_functions[COEFFICIENTS];  // of function k under the lights that are far away, a component each
 #endif
 #ifdef NEAR_LIGHTS
-uniform sampler2D u_kept_depth;    // of the surface buffer: its own texture is the depth buffer while this is drawn
-uniform vec4 u_eye_from_pixel[4];  // columns: from a pixel's place and depth, 0..1, to mm from the eye
+uniform sampler2D u_kept_depth;  // of the surface buffer: its own texture is the depth buffer while this is drawn
 #include BASIS_FILES
 const int kFarLights = LIGHTS - NEAR_LIGHTS;
 #else
@@ -32,10 +31,9 @@ void findLights() {
 #ifdef NEAR_LIGHTS
   ivec2 pixel = ivec2(gl_FragCoord.xy);
   vec2 at = (vec2(pixel) + 0.5) / vec2(textureSize(u_kept_depth, 0));
-  mat4 eye_from_pixel = mat4(u_eye_from_pixel[0], u_eye_from_pixel[1], u_eye_from_pixel[2], u_eye_from_pixel[3]);
-  vec4 place = eye_from_pixel * vec4(at, texelFetch(u_kept_depth, pixel, 0).r, 1.0);
+  vec3 place = placeAtDepth(at, texelFetch(u_kept_depth, pixel, 0).r);
   for (int i = kFarLights; i < LIGHTS; ++i) {
-    vec3 way = u_lights[i].xyz - place.xyz / place.w;
+    vec3 way = u_lights[i].xyz - place;
     float square = dot(way, way), reference = u_lights[i].w;
     g_towards[i] = square > 0.0 ? way * inversesqrt(square) : vec3(0.0, 0.0, 1.0);
     g_arriving[i] *= reference / max(square, kNearestOfReference * kNearestOfReference * reference);

@@ -8,14 +8,9 @@ uniform vec4 u_shading_colours[RV_SHADING_STOPS];  // sRGB
 #ifdef MESH
 uniform vec4 u_shading_up;  // the unit vector; w: the eye's height along it, mm
 #ifndef SHADING_SLOPE
-uniform sampler2D u_kept_depth;    // of the surface buffer: its own texture is the depth buffer while this is drawn
-uniform vec4 u_eye_from_pixel[4];  // columns: from a pixel's place and depth, 0..1, to mm from the eye
+uniform sampler2D u_kept_depth;  // of the surface buffer: its own texture is the depth buffer while this is drawn
 
-vec3 eyePlace(vec2 pixel, float depth) {
-  mat4 eye_from_pixel = mat4(u_eye_from_pixel[0], u_eye_from_pixel[1], u_eye_from_pixel[2], u_eye_from_pixel[3]);
-  vec4 place = eye_from_pixel * vec4(pixel / vec2(textureSize(u_kept_depth, 0)), depth, 1.0);
-  return place.xyz / place.w;
-}
+vec3 eyePlace(vec2 pixel, float depth) { return placeAtDepth(pixel / vec2(textureSize(u_kept_depth, 0)), depth); }
 #include CURVATURE_FILES
 #endif
 #endif

@@ -10,7 +10,8 @@ uniform ivec4 u_artwork;  // finest texture level; - ; -; -
 in vec2 v_uv;
 flat in uvec2 v_instance;  // index in the list of instances, + 1, grid level << 28; the node's level
 
-// v_uv; v_instance.x; square of the texture's gradient, texels of the finest level a pixel
+// v_uv; v_instance.x; square of the texture's gradient, texels of the finest level a pixel. TWO_SIDED: below zero
+// where triangles are seen from behind.
 layout(location = 0) out uvec4 o_surface;
 #ifdef ANISOTROPY
 layout(location = 1) out uvec4 o_gradient;  // d(uv)/dx, d(uv)/dy in texels of the finest level
@@ -28,6 +29,9 @@ void main() {
   vec2 dy = (dFdy(q) - v_uv * dFdy(iw)) * scale;
   float rho2 = max(dot(dx, dx), dot(dy, dy));
   o_surface = uvec4(floatBitsToUint(v_uv), v_instance.x, floatBitsToUint(rho2));
+#ifdef TWO_SIDED
+  if (!gl_FrontFacing) o_surface.w |= kSignBit;
+#endif
 #ifdef ANISOTROPY
   o_gradient = floatBitsToUint(vec4(dx, dy));
 #endif

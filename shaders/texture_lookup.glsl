@@ -24,6 +24,9 @@ uvec4 v_node;      // patch, level, x, y
 uint v_grid_level;
 float v_lod;       // of an isotropic footprint, without bias
 vec4 v_gradient;
+#ifdef TWO_SIDED
+bool v_from_behind;
+#endif
 
 // Of a pixel where something is seen.
 void loadSurface(ivec2 pixel) {
@@ -31,6 +34,10 @@ void loadSurface(ivec2 pixel) {
   v_node = instanceNode((s.z & 0xFFFFFFFu) - 1u);
   v_grid_level = s.z >> 28u;
   v_uv = uintBitsToFloat(s.xy);
+#ifdef TWO_SIDED
+  v_from_behind = (s.w & kSignBit) != 0u;
+  s.w &= ~kSignBit;
+#endif
   float rho2 = uintBitsToFloat(s.w);
   v_lod = soundGradient(rho2) ? 0.5 * log2(rho2) : float(u_artwork.x);
 #ifdef ANISOTROPY

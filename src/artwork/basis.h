@@ -13,7 +13,7 @@
 // Two bases are not linear. Colour is shown as it is. Albedo and normal (of scans): sRGB albedo, and the surface's
 // normal n in the artwork's space, a byte b for b / 127.5 - 1; filtered normals stay short, so that what is rough
 // darkens as the mean of its parts does. pixel = RGB * L^(1/2.2), L = 0.04 + 0.96 max(0, n . l), 0.04 the ambient
-// share.
+// share. Where a scan's surface is seen from behind, n is the other side's: -n.
 //
 // A new linear basis is a file in src/artwork/bases/ that defines its description, and a line in registry.cpp there.
 #pragma once

@@ -10,6 +10,14 @@ constexpr int kKeptDepthUnit = 6;    // shading programs have no base mesh
 constexpr int kNormalsUnit = 7;
 constexpr int kSkyShareUnit = 8;
 
+// Of eye.glsl.
+std::vector<NamedUniform> eyeUniforms(const ViewTransform& view, const glm::dmat4& eye_from_pixel) {
+  std::vector<NamedUniform> uniforms{
+      {"u_viewer", view.orthographic ? glm::vec4(glm::vec3(view.world_from_camera[2]), 0) : glm::vec4(0, 0, 0, 1)}};
+  addColumns("u_eye_from_pixel", eye_from_pixel, uniforms);
+  return uniforms;
+}
+
 }  // namespace
 
 void SurfaceShading::forget(const EffectPlan& plan) {
@@ -52,7 +60,7 @@ void SurfaceShading::setEffects(const Frame& frame, const gl::Program& program) 
   const EffectPlan& plan = frame.plan;
   setNamedUniforms(program, effectUniforms(scene.effects));
   const bool shaded = plan.shading != ReliefShading::Kind::kNone;
-  if (plan.lights > 0 || shaded || plan.gloss) {
+  if (plan.lights > 0 || shaded || plan.seesEye()) {
     const glm::dvec3& eye_mm = frame.view.eye_mm;
     const glm::dmat4 eye_from_pixel =
         glm::inverse(glm::translate(frame.seen.clip_from_world, eye_mm)) * clipFromPixel(depth_);
@@ -60,9 +68,10 @@ void SurfaceShading::setEffects(const Frame& frame, const gl::Program& program) 
       setNamedUniforms(program, shadingUniforms(completedShading(scene.shading), manifest_, eye_mm, eye_from_pixel,
                                                 depth_.farPlane()));
     if (plan.lights > 0)
-      setNamedUniforms(program, lightUniforms(frame.lights.placed(scene, plan, frame.view), plan.format(manifest_),
-                                              eye_mm, eye_from_pixel));
-    if (plan.gloss) setNamedUniforms(program, glossUniforms(scene.gloss, frame.view, eye_from_pixel));
+      setNamedUniforms(program,
+                       lightUniforms(frame.lights.placed(scene, plan, frame.view), plan.format(manifest_), eye_mm));
+    if (plan.gloss) setNamedUniforms(program, glossUniforms(scene.gloss));
+    if (plan.seesEye()) setNamedUniforms(program, eyeUniforms(frame.view, eye_from_pixel));
     if (kept_depth_) kept_depth_->bind(program, kKeptDepthUnit);
     if (normals_) normals_->bind(program, kNormalsUnit);
   }

@@ -119,6 +119,11 @@ void setShadingUniforms(const gl::Program& program, const ShadingParameters& p) 
   }
 }
 
+void addColumns(const std::string& name, const glm::dmat4& matrix, std::vector<NamedUniform>& to) {
+  for (int column = 0; column < 4; ++column)
+    to.push_back({name + "[" + std::to_string(column) + "]", glm::vec4(matrix[column])});
+}
+
 void setNamedUniforms(const gl::Program& program, std::span<const NamedUniform> uniforms) {
   for (const NamedUniform& u : uniforms)
     glUniform4f(program.uniform(u.name.c_str()), u.value.x, u.value.y, u.value.z, u.value.w);

@@ -66,6 +66,8 @@ struct NamedUniform {
   std::string name;
   glm::vec4 value{0};
 };
+// An array of four: the matrix's columns.
+void addColumns(const std::string& name, const glm::dmat4& matrix, std::vector<NamedUniform>& to);
 void setNamedUniforms(const gl::Program& program, std::span<const NamedUniform> uniforms);  // of the program in use
 
 void submitFrame();  // hands the frame's commands to the driver; does not wait

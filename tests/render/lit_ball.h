@@ -63,6 +63,39 @@ inline Artwork ballArtwork(std::shared_ptr<const BaseMesh> base, int depth, uint
   return artwork;
 }
 
+// Of a pixel, past a ball around the origin.
+struct BallRay {
+  glm::dvec3 from, way;
+  double along, aside, pixel_mm;  // to the ray's nearest place to the ball's middle; how far that is from it
+  // For sure, with its neighbourhood.
+  bool misses(double radius) const { return aside > radius + 2 * pixel_mm; }
+  bool hits(double radius) const { return aside < radius - 4 * pixel_mm; }
+  // end -1: where it enters; 1: where it leaves.
+  glm::dvec3 place(double radius, int end) const {
+    return from + (along + end * std::sqrt(radius * radius - aside * aside)) * way;
+  }
+};
+// use(index of the pixel's first byte, ray).
+inline void eachRay(const ViewTransform& view, const std::function<void(size_t, const BallRay&)>& use) {
+  const glm::dmat4 world_from_clip = glm::inverse(view.clip_from_world);
+  for (int y = 0; y < kHeight; ++y) {
+    for (int x = 0; x < kWidth; ++x) {
+      auto at = [&](double depth) {
+        const glm::dvec4 p =
+            world_from_clip * glm::dvec4((x + 0.5) / kWidth * 2 - 1, 1 - (y + 0.5) / kHeight * 2, depth, 1);
+        return glm::dvec3(p) / p.w;
+      };
+      BallRay ray;
+      ray.from = view.orthographic ? at(-1) : view.eye_mm;
+      ray.way = glm::normalize(at(0.5) - ray.from);
+      ray.along = -glm::dot(ray.from, ray.way);
+      ray.aside = glm::length(ray.from + ray.along * ray.way);
+      ray.pixel_mm = (view.orthographic ? 1 : ray.along) / view.pixels_per_radian;
+      use(static_cast<size_t>(y * kWidth + x) * 4, ray);
+    }
+  }
+}
+
 struct BallDifference {
   uint64_t inside = 0, outside = 0, holes = 0, strays = 0;
   double largest = 0;  // of 255
@@ -72,30 +105,18 @@ struct BallDifference {
 inline BallDifference compareWithBall(const std::vector<uint8_t>& pixels, const ViewTransform& view, double radius,
                                       const std::function<std::optional<glm::dvec3>(const glm::dvec3&)>& expected) {
   BallDifference d;
-  const glm::dmat4 world_from_clip = glm::inverse(view.clip_from_world);
-  for (int y = 0; y < kHeight; ++y) {
-    for (int x = 0; x < kWidth; ++x) {
-      auto at = [&](double depth) {
-        const glm::dvec4 p =
-            world_from_clip * glm::dvec4((x + 0.5) / kWidth * 2 - 1, 1 - (y + 0.5) / kHeight * 2, depth, 1);
-        return glm::dvec3(p) / p.w;
-      };
-      const glm::dvec3 from = view.orthographic ? at(-1) : view.eye_mm, ray = glm::normalize(at(0.5) - from);
-      const double along = -glm::dot(from, ray), aside = glm::length(from + along * ray);
-      const double pixel_mm = (view.orthographic ? 1 : along) / view.pixels_per_radian;
-      const uint8_t* p = &pixels[static_cast<size_t>(y * kWidth + x) * 4];
-      if (aside > radius + 2 * pixel_mm) {
-        ++d.outside;
-        d.strays += p[3] != 0;
-      } else if (aside < radius - 4 * pixel_mm) {
-        ++d.inside;
-        d.holes += p[3] == 0;
-        const glm::dvec3 n = glm::normalize(from + (along - std::sqrt(radius * radius - aside * aside)) * ray);
-        if (const auto colour = expected(n))
-          for (int c = 0; c < 3; ++c) d.largest = std::max(d.largest, std::abs(p[c] - (*colour)[c]));
-      }
+  eachRay(view, [&](size_t at, const BallRay& ray) {
+    const uint8_t* p = &pixels[at];
+    if (ray.misses(radius)) {
+      ++d.outside;
+      d.strays += p[3] != 0;
+    } else if (ray.hits(radius)) {
+      ++d.inside;
+      d.holes += p[3] == 0;
+      if (const auto colour = expected(glm::normalize(ray.place(radius, -1))))
+        for (int c = 0; c < 3; ++c) d.largest = std::max(d.largest, std::abs(p[c] - (*colour)[c]));
     }
-  }
+  });
   return d;
 }
 

@@ -4,6 +4,7 @@
 #include <bit>
 #include <cmath>
 #include <random>
+#include <span>
 
 #include "src/base/parallel_for.h"
 #include "src/engine/lod_views.h"
@@ -14,6 +15,15 @@ namespace {
 constexpr double kSolvedPx = 1.0 / 64, kExactPx = 1e-4;
 constexpr double kTriangleReach = 1e-3;  // pixels: within a triangle of the surface, nearly always
 constexpr int kSteps = 12;
+
+// Seen from behind, a scan's normal is that of its other side.
+void turnToViewer(const glm::dvec3& to_viewer, std::span<double> channels) {
+  const auto normal = channels.subspan<3, 3>();
+  double facing = 0;
+  for (size_t c = 0; c < 3; ++c) facing += (normal[c] / shader::kNormalUnit - 1) * to_viewer[static_cast<int>(c)];
+  if (facing < 0)
+    for (double& n : normal) n = 2 * shader::kNormalUnit - n;
+}
 
 }  // namespace
 
@@ -100,6 +110,8 @@ AccuracyTruth::Place AccuracyTruth::solve(const Frame& frame, const PatchInstanc
       out.point_mm = wide.point_mm;
       // Rows of pixels count upwards here and downwards in a picture; a footprint has no sense of direction.
       out.footprint = footprintOf(instance, u, v, exact.uv_by_px);
+      // From the front u runs to the right and v downwards.
+      out.from_behind = !scene_.strategy.domain.isFlat() && glm::determinant(exact.uv_by_px) > 0;
       out.dx_mm = wide.du_mm * wide.uv_by_px[0].x + wide.dv_mm * wide.uv_by_px[0].y;
       out.dy_mm = wide.du_mm * wide.uv_by_px[1].x + wide.dv_mm * wide.uv_by_px[1].y;
       return out;
@@ -147,7 +159,10 @@ void AccuracyTruth::chooseAndShade(const std::vector<Place>& places, const ViewT
   parallelFor((out.pixels.size() + kBlock - 1) / kBlock, o_.workers, o_.interrupted, [&](size_t block) {
     std::vector<double> channels(static_cast<size_t>(texture_->format().channels()));
     for (size_t i = block * kBlock; i < std::min(out.pixels.size(), (block + 1) * kBlock); ++i) {
-      texture_->filter(places[out.pixels[i]].footprint, channels);
+      const Place& place = places[out.pixels[i]];
+      texture_->filter(place.footprint, channels);
+      if (place.from_behind && texture_->format().basis == Basis::kAlbedoNormal)
+        turnToViewer(view.orthographic ? view.world_from_camera[2] : view.eye_mm - place.point_mm, channels);
       const auto rgb = evaluatePixel(texture_->format(), channels.data(), {light.x, light.y, light.z});
       out.colours[i] = glm::vec3(rgb[0], rgb[1], rgb[2]);
     }

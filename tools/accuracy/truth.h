@@ -56,6 +56,7 @@ class AccuracyTruth {
  private:
   struct Place {  // of a pixel
     bool there = false, solved = false;
+    bool from_behind = false;  // of a base mesh
     TexelFootprint footprint;
     glm::dvec3 point_mm{0}, dx_mm{0}, dy_mm{0};
   };

@@ -27,15 +27,8 @@ glm::dvec3 glossed(const glm::dvec3& colour, const glm::dvec3& highlights) {
   return out;
 }
 
-std::vector<NamedUniform> glossUniforms(const Gloss& gloss, const ViewTransform& view,
-                                        const glm::dmat4& eye_from_pixel) {
-  std::vector<NamedUniform> uniforms;
-  uniforms.push_back({"u_gloss", glm::vec4(gloss.reflectance, std::pow(gloss.roughness, 4), 0, 0)});
-  uniforms.push_back(
-      {"u_viewer", view.orthographic ? glm::vec4(glm::vec3(view.world_from_camera[2]), 0) : glm::vec4(0, 0, 0, 1)});
-  for (int column = 0; column < 4; ++column)
-    uniforms.push_back({"u_eye_from_pixel[" + std::to_string(column) + "]", glm::vec4(eye_from_pixel[column])});
-  return uniforms;
+std::vector<NamedUniform> glossUniforms(const Gloss& gloss) {
+  return {{"u_gloss", glm::vec4(gloss.reflectance, std::pow(gloss.roughness, 4), 0, 0)}};
 }
 
 }  // namespace relievo

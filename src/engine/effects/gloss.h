@@ -25,7 +25,6 @@
 
 #include <glm/glm.hpp>
 
-#include "src/render/camera.h"
 #include "src/render/picture_target.h"
 
 namespace relievo {
@@ -44,8 +43,6 @@ double highlight(const Gloss& gloss, const glm::dvec3& normal, const glm::dvec3&
 // Display-encoded colour of a place with the highlights' sum, in linear light, on it; not clamped.
 glm::dvec3 glossed(const glm::dvec3& colour, const glm::dvec3& highlights);
 
-// Of gloss.glsl. eye_from_pixel as of lightUniforms(), of the picture that `view` shows.
-std::vector<NamedUniform> glossUniforms(const Gloss& gloss, const ViewTransform& view,
-                                        const glm::dmat4& eye_from_pixel);
+std::vector<NamedUniform> glossUniforms(const Gloss& gloss);  // of gloss.glsl
 
 }  // namespace relievo

@@ -72,7 +72,7 @@ glm::dvec3 litColour(const TextureFormat& format, const double* raw, std::span<c
 }
 
 std::vector<NamedUniform> lightUniforms(std::span<const PlacedLight> lights, const TextureFormat& format,
-                                        const glm::dvec3& eye_mm, const glm::dmat4& eye_from_pixel) {
+                                        const glm::dvec3& eye_mm) {
   std::vector<NamedUniform> uniforms;
   const auto coefficients = static_cast<size_t>(format.coefficients());
   std::array<glm::dvec4, kMaxCoefficients> functions{};
@@ -89,9 +89,6 @@ std::vector<NamedUniform> lightUniforms(std::span<const PlacedLight> lights, con
     for (size_t k = 0; k < coefficients; ++k) functions[k][static_cast<int>(i)] = values[k];
   }
   for (size_t k = 0; k < coefficients; ++k) uniforms.push_back(element("u_light_functions", k, functions[k]));
-  if (std::any_of(lights.begin(), lights.end(), [](const PlacedLight& l) { return l.near; }))
-    for (size_t column = 0; column < 4; ++column)
-      uniforms.push_back(element("u_eye_from_pixel", column, eye_from_pixel[static_cast<int>(column)]));
   return uniforms;
 }
 

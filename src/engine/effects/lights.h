@@ -62,9 +62,8 @@ PlacedLight placedLight(const SceneLight& light, const glm::dmat3& artwork_from_
 glm::dvec3 litColour(const TextureFormat& format, const double* raw, std::span<const PlacedLight> lights,
                      const glm::dvec3& place_mm);
 
-// Of lights.glsl. Places there count from eye_mm. eye_from_pixel: from a pixel's place and depth, 0..1, to mm from the
-// eye.
+// Of lights.glsl. Places there count from eye_mm.
 std::vector<NamedUniform> lightUniforms(std::span<const PlacedLight> lights, const TextureFormat& format,
-                                        const glm::dvec3& eye_mm, const glm::dmat4& eye_from_pixel);
+                                        const glm::dvec3& eye_mm);
 
 }  // namespace relievo

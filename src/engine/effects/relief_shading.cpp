@@ -224,12 +224,7 @@ std::vector<NamedUniform> shadingUniforms(const ReliefShading& shading, const Ma
   if (flat) return uniforms;
   const glm::dvec3 up = unitUp(shading);
   uniforms.push_back({"u_shading_up", glm::vec4(glm::dvec4(up, glm::dot(up, eye_mm)))});
-  const auto matrix = [&](const std::string& name, const glm::dmat4& m) {
-    for (int column = 0; column < 4; ++column)
-      uniforms.push_back({name + "[" + std::to_string(column) + "]", glm::vec4(m[column])});
-  };
-  if (shading.kind != Kind::kSlope) matrix("u_eye_from_pixel", eye_from_pixel);
-  if (curved) matrix("u_pixel_from_eye", glm::inverse(eye_from_pixel));
+  if (curved) addColumns("u_pixel_from_eye", glm::inverse(eye_from_pixel), uniforms);
   return uniforms;
 }
 

@@ -102,8 +102,8 @@ double scanCurvature(const glm::dvec3& normal, const glm::dvec3& place_mm, std::
                      std::span<const glm::dvec3> places_mm);
 double scanDepth(const ReliefShading& shading, const glm::dvec3& place_mm);
 
-// Of relief_shading.glsl; shading is completed(). Places there count from eye_mm; eye_from_pixel as of lightUniforms().
-// far_depth: where there is no surface.
+// Of relief_shading.glsl; shading is completed(). Places there count from eye_mm; eye_from_pixel: from a
+// pixel's place and depth, 0..1, to mm from the eye. far_depth: where there is no surface.
 std::vector<NamedUniform> shadingUniforms(const ReliefShading& shading, const Manifest& manifest,
                                           const glm::dvec3& eye_mm, const glm::dmat4& eye_from_pixel, double far_depth);
 
