@@ -4,25 +4,25 @@
 #include <algorithm>
 #include <bit>
 #include <cstdint>
-#include <deque>
 #include <span>
 #include <utility>
 #include <vector>
 
-#include "geometry/bake/image_fill.h"
 #include "geometry/bake/mesh_bake.h"
+#include "geometry/bake/repeated_images.h"
 #include "src/artwork/base_mesh.h"
 #include "src/artwork/patch_domain.h"
 #include "texturing/package/patch_source.h"
 
 namespace relievo {
 
-// The bake outlives it, and so do its images' texels.
+// The bake outlives it, and so do its images' texels, and their JPEGs.
 class BakedPatches final : public PatchSource {
  public:
-  // step: of the lattice of the base's corners, in the scan's units.
+  // step: of the lattice of the base's corners, in the scan's units. jpegs: of the images (SourceImage::jpeg), or none.
   BakedPatches(const MeshBake& bake, double step, double mm_per_unit, double slight_mm, std::vector<Provenance> sources,
-               const TextureFormat& format, std::span<const MeshBake::Image> images = {})
+               const TextureFormat& format, std::span<const MeshBake::Image> images = {},
+               std::span<const std::vector<uint8_t>> jpegs = {})
       : bake_(bake),
         mm_(mm_per_unit),
         step_mm_(step * mm_per_unit),
@@ -31,18 +31,17 @@ class BakedPatches final : public PatchSource {
         sources_(std::move(sources)),
         format_(format) {
     const std::vector<bool> shown = bake.shownImages();
+    const std::vector<double> times = timesShown(bake.mesh(), shown.size());
     for (size_t i = 0; i < shown.size(); ++i) {
       number_of_image_.push_back(static_cast<uint16_t>(images_.size()));
       if (!shown[i]) continue;
       const MeshBake::Image& image = images[i];
-      SourceImage source{image.width, image.height, image.repeats, image.texels};
-      if (!image.palette) {
-        filled_.push_back(
-            fillUnshown(bake.mesh(), static_cast<uint16_t>(i), image.width, image.height, image.repeats, image.texels)
-                .rgb);
-        source.rgb = filled_.back();
-      }
-      images_.push_back(source);
+      images_.push_back({.width = image.width,
+                         .height = image.height,
+                         .repeats = image.repeats,
+                         .rgb = image.texels,
+                         .fill = !image.palette && times[i] < kTimesOver,
+                         .jpeg = i < jpegs.size() ? std::span<const uint8_t>(jpegs[i]) : std::span<const uint8_t>()});
     }
     base_.origin_mm *= mm_;
     for (BaseCorner& c : base_.corners)
@@ -113,9 +112,8 @@ class BakedPatches final : public PatchSource {
   BaseMesh base_;
   std::vector<Provenance> sources_;
   TextureFormat format_;
-  std::vector<SourceImage> images_;          // that patches show
-  std::deque<std::vector<uint8_t>> filled_;  // their texels, where others than the bake's
-  std::vector<uint16_t> number_of_image_;    // by number in the bake
+  std::vector<SourceImage> images_;        // that patches show
+  std::vector<uint16_t> number_of_image_;  // by number in the bake
 };
 
 }  // namespace relievo

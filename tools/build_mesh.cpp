@@ -7,6 +7,7 @@
 #include <cmath>
 #include <cstdio>
 #include <memory>
+#include <numeric>
 #include <optional>
 #include <utility>
 
@@ -23,6 +24,7 @@
 #include "geometry/remesh/base_domain.h"
 #include "geometry/scan/mesh_read.h"
 #include "src/artwork/patch_domain.h"
+#include "src/artwork/shown_images.h"
 #include "src/base/file.h"
 #include "src/base/progress.h"
 #include "src/base/standard_output.h"
@@ -189,7 +191,8 @@ class MeshBuild {
   bool suitsOwnTriangles() const { return textured_.format.basis == Basis::kAlbedoNormal; }  // its texture does
   // Own triangles may show its images instead of having their texels.
   bool showsImages() const { return a_.texture_tolerance >= 0 && a_.package.colour.codec == PageCodec::kLossless; }
-  bool repeatsImages() const;  // so much that they should
+  bool repeatsImages() const;               // so much that they should
+  std::vector<double> imageTexels() const;  // of each image that is none of few colours
   uint32_t mostFacesFirst() { return relievo::mostFacesFirst(creased(), toleranceOverDefault(), suitsOwnTriangles()); }
   Result<bool> useSimplified(std::span<const RefineRequest> requests);
   // What is left after all of these (moreOf()).
@@ -531,10 +534,15 @@ Result<bool> MeshBuild::useMorePatches() {
       [&](uint32_t) { return useSimplified({}); });
 }
 
-bool MeshBuild::repeatsImages() const {
+std::vector<double> MeshBuild::imageTexels() const {
   std::vector<double> texels;
   for (const MeshBake::Image& image : textured_.images)
     texels.push_back(image.palette ? 0 : static_cast<double>(image.width) * image.height);
+  return texels;
+}
+
+bool MeshBuild::repeatsImages() const {
+  const std::vector<double> texels = imageTexels();
   return showsImages() && repeatsMuch(timesShown(loaded_.mesh, texels.size()), texels);
 }
 
@@ -545,10 +553,13 @@ Result<bool> MeshBuild::useFewFacesAtOnce() {
   // Before anything is asked of all triangles.
   const size_t triangles = loaded_.mesh.triangles.size();
   if (triangles > 2 * size_t{textured_.images.empty() ? kMostPatches : kManyFaces}) return false;
-  const bool repeats = repeatsImages();
-  if (triangles > 2 * size_t{kMostPatches} && !repeats) return false;
-  const bool suits = suitsOwnTriangles();
-  return useFaces(suits && repeats ? kManyFaces : mostFacesAtOnce(suits));
+  const bool repeats = repeatsImages(), suits = suitsOwnTriangles();
+  const std::vector<double> texels = imageTexels();
+  const double all = std::accumulate(texels.begin(), texels.end(), 0.0);
+  const bool shown = showsImages() && all <= static_cast<double>(kMostShownTexels);
+  const uint32_t most =
+      suits && repeats ? kManyFaces : mostFacesAtOnce(suits, shown ? all / static_cast<double>(triangles) : 0);
+  return triangles <= 2 * size_t{most} ? useFaces(most) : false;
 }
 
 Result<void> MeshBuild::replaceHopelessBase() {
@@ -709,7 +720,7 @@ Result<void> MeshBuild::pack() {
   package.memory_budget_bytes = std::max(package.memory_budget_bytes, held + kLeastPackageBytes) - held;
   auto built = stages_.run("package", [&] {
     return buildPatchesWithProgress(BakedPatches(*bake_, baseStep(), mm(1), mm(kSlight * fidelity_.target.rms_mm),
-                                                 sources, textured_.format, textured_.images),
+                                                 sources, textured_.format, textured_.images, textured_.jpegs),
                                     package);
   });
   if (!built) return built.error().kind == ErrorKind::kInterrupted ? interrupted(a_) : built.error();

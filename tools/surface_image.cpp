@@ -15,8 +15,10 @@
 
 #include "geometry/bake/mip_image.h"
 #include "geometry/scan/mesh_read.h"
+#include "src/base/file.h"
 #include "src/base/progress.h"
 #include "src/base/srgb.h"
+#include "texturing/codec/image_jpeg.h"
 #include "texturing/import/image_io.h"
 #include "texturing/import/ptm.h"
 #include "texturing/package/file_provenance.h"
@@ -83,6 +85,28 @@ void multiply(Image8& image, const glm::vec3& tint) {
       tinted[c][v] = static_cast<uint8_t>(std::clamp(255 * srgbFromLinear(std::max(linear, 0.0)) + 0.5, 0.0, 255.0));
     }
   for (size_t i = 0; i < image.pixels.size(); ++i) image.pixels[i] = tinted[i % 3][image.pixels[i]];
+}
+
+// The JPEG that `path` is, or `bytes` are, if it gives these texels.
+std::vector<uint8_t> jpegOf(const Image8& image, const std::string& path, const std::vector<uint8_t>* bytes) {
+  constexpr uint64_t kMostBytes = uint64_t{256} << 20;
+  std::vector<uint8_t> file;
+  if (!bytes) {
+    auto opened = InputFile::open(path);
+    if (!opened || opened->size() > kMostBytes) return {};
+    file.resize(opened->size());
+    if (!opened->read(0, file)) return {};
+    bytes = &file;
+  }
+  std::vector<uint8_t> jpeg = plainJpeg(*bytes);
+  if (jpeg.empty()) return {};
+  auto reader = ImageJpegReader::open(jpeg, static_cast<uint32_t>(image.width), static_cast<uint32_t>(image.height));
+  const size_t row_bytes = size_t{3} * static_cast<size_t>(image.width);
+  std::vector<uint8_t> row(row_bytes);
+  for (size_t y = 0; y < static_cast<size_t>(image.height); ++y)
+    if (!reader || !reader->read(1, row) || std::memcmp(row.data(), &image.pixels[y * row_bytes], row_bytes) != 0)
+      return {};
+  return jpeg;
 }
 
 void halve(Image8& image) {
@@ -155,6 +179,7 @@ class TextureReader {
     multiply(image, own.tint);
     for (int k = 0; k < halvings_ && !palette; ++k) halve(image);
     out_.images.push_back({.repeats = own.repeats, .palette = palette});
+    out_.jpegs.push_back(palette ? std::vector<uint8_t>() : jpegOf(image, own.path, own.bytes.get()));
     out_.pixels.push_back(std::move(image));
     if (!own.path.empty() && paths_.insert(own.path).second)
       out_.sources.push_back(FileProvenance(own.path, true).get());
@@ -162,7 +187,7 @@ class TextureReader {
     while (out_.images.size() > 1 && bytes() > most && halvings_ < kMostHalvings) {
       ++halvings_;
       for (size_t i = 0; i < out_.pixels.size(); ++i)
-        if (!out_.images[i].palette) halve(out_.pixels[i]);
+        if (!out_.images[i].palette) halve(out_.pixels[i]), out_.jpegs[i].clear();
     }
   }
   uint64_t bytes() const {
@@ -233,7 +258,7 @@ Result<SurfaceImage> readPtmPlanes(const MeshBuildArguments& a, const TriMesh& m
   auto opened = openPtm(a.ptm, {.memory_budget_bytes = a.package.memory_budget_bytes});
   if (!opened) return opened.error();
   const TextureSource& ptm = **opened;
-  SurfaceImage out{{}, {}, ptm.format(), {ptm.provenance()}};
+  SurfaceImage out{.format = ptm.format(), .sources = {ptm.provenance()}};
   const int channels = out.format.channels();
   if (auto fits = checkProportions(a, mesh, ptm.width(), ptm.height()); !fits) return fits.error();
   // With its coarser levels.

@@ -16,6 +16,8 @@ namespace relievo {
 struct SurfaceImage {
   std::vector<MeshBake::Image> images;  // of `pixels`: as TriMesh::image_of names them, or one for all; or none
   std::vector<Image8> pixels;           // three channels, or a PTM's planes
+  // Of each of them the plainJpeg() that has the same texels; empty: its file is no such JPEG, or colours were changed.
+  std::vector<std::vector<uint8_t>> jpegs;
   TextureFormat format{.basis = Basis::kAlbedoNormal};
   std::vector<Provenance> sources;  // files of their own
 };

@@ -38,8 +38,14 @@ constexpr uint32_t mostFacesFirst(double creased, double of_default, bool suits)
   return std::max(kMostPatches, static_cast<uint32_t>(most * std::min(1.0, kMuchCoarser / of_default)));
 }
 
-// So few of them are not even compared with others: they are the scan, at once, and take no more bytes.
-constexpr uint32_t mostFacesAtOnce(bool suits) { return suits ? kMostPatches : 0; }
+// So few of them are not even compared with others: they are the scan, at once, and take no more bytes. Where images
+// have many texels a triangle these take most bytes, and fewest where patches show them, which own triangles can.
+// texels: of images that they may show, of a triangle in the mean.
+constexpr uint32_t mostFacesAtOnce(bool suits, double texels) {
+  constexpr double kManyTexels = 128;
+  if (!suits) return 0;
+  return texels >= kManyTexels ? kFewFaces : kMostPatches;
+}
 
 // Of the lattice that corners of base meshes are moved to before they are baked (onLattice()): packages need few bytes
 // for them, and heights make up for it. The finest one is for bases that have hardly any heights.

@@ -6,10 +6,13 @@
 #include <cstdio>
 #include <fstream>
 #include <iterator>
+#include <utility>
 #include <vector>
 
 #include "tests/fuzz/fuzz_file.h"
 #include "tests/texturing/patch_fixture.h"
+#include "texturing/codec/image_jpeg.h"
+#include "texturing/codec/page_jpeg_codec.h"
 #include "texturing/package/package_builder.h"
 #include "texturing/package/patch_package_builder.h"
 
@@ -53,7 +56,9 @@ class ShowingPatches final : public testing_support::NoisyPatches {
   uint16_t height(uint32_t /*patch*/, int /*x*/, int /*y*/) const override { return 27'306; }
   int textureDepth() const override { return 1; }
   int textureDepthOf(uint32_t patch) const override { return patch == 0 ? kNoTexturePage : 0; }
-  std::vector<SourceImage> images() const override { return {{20, 10, true, texels_}}; }
+  std::vector<SourceImage> images() const override {
+    return {{.width = 20, .height = 10, .repeats = true, .rgb = texels_}};
+  }
   PatchImage imageOf(uint32_t patch) const override {
     PatchImage out;
     if (patch > 0) return out;
@@ -65,6 +70,37 @@ class ShowingPatches final : public testing_support::NoisyPatches {
 
  private:
   std::vector<uint8_t> texels_ = std::vector<uint8_t>(20 * 10 * 3, 90);
+};
+
+// The same with an image that came as a JPEG, only part of which is shown.
+class ShowingJpeg final : public testing_support::NoisyPatches {
+ public:
+  ShowingJpeg(BaseMesh mesh, uint64_t seed) : NoisyPatches(std::move(mesh), 0, 0, seed) {
+    std::vector<uint8_t> texels, jpeg(1 << 16);
+    for (int i = 0; i < 4 * kPageFullPx * kPageFullPx; ++i)
+      texels.push_back(static_cast<uint8_t>(128 + 99 * std::sin(i % 4 + 0.3 * (i / 4 % kPageFullPx))));
+    jpeg.resize(JpegPageEncoder().encode(texels.data(), 20, true, jpeg));
+    jpeg_ = plainJpeg(jpeg);
+    auto reader = ImageJpegReader::open(jpeg_, kPageFullPx, kPageFullPx);
+    rgb_.resize(3 * kPageFullPx * kPageFullPx);
+    require(reader.ok() && reader->read(kPageFullPx, rgb_).ok(), "a JPEG of our own");
+  }
+  uint16_t height(uint32_t /*patch*/, int /*x*/, int /*y*/) const override { return 27'306; }
+  int textureDepthOf(uint32_t patch) const override { return patch == 0 ? kNoTexturePage : 0; }
+  std::vector<SourceImage> images() const override {
+    return {{.width = kPageFullPx, .height = kPageFullPx, .repeats = false, .rgb = rgb_, .fill = true, .jpeg = jpeg_}};
+  }
+  PatchImage imageOf(uint32_t patch) const override {
+    PatchImage out;
+    if (patch > 0) return out;
+    out.depth = 0;
+    for (auto& half : out.at) half = {glm::ivec2(4000), glm::ivec2(20'000, 4000), glm::ivec2(20'000, 9000)};
+    for (auto& half : out.normal) half.fill(glm::u8vec3(128, 128, 255));
+    return out;
+  }
+
+ private:
+  std::vector<uint8_t> rgb_, jpeg_;
 };
 
 // So many squares beside one another.
@@ -121,6 +157,13 @@ inline std::vector<std::vector<uint8_t>> samplePackages() {
     mesh.cut = true;
     options.texture_tolerance = 1;
     auto built = buildPatchPackage(ShowingPatches(mesh, 0, 0, 3), options);
+    require(built.ok(), built ? "" : built.error().text());
+  });
+  add([](BuildOptions& options) {
+    BaseMesh mesh = stripOf(2);
+    mesh.cut = true;
+    options.texture_tolerance = 1;
+    auto built = buildPatchPackage(ShowingJpeg(mesh, 3), options);
     require(built.ok(), built ? "" : built.error().text());
   });
   return out;

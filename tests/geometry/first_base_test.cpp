@@ -63,8 +63,10 @@ TEST(FirstBase, IsReplacedByWhatTakesTheFewestBytes) {
 }
 
 TEST(FirstBase, FewOwnTrianglesAreTakenAtOnceWhereTheySuitTheTexture) {
-  EXPECT_EQ(mostFacesAtOnce(true), 4096u);
-  EXPECT_EQ(mostFacesAtOnce(false), 0u);
+  EXPECT_EQ(mostFacesAtOnce(true, 0), 4096u);
+  EXPECT_EQ(mostFacesAtOnce(true, 127), 4096u);
+  EXPECT_EQ(mostFacesAtOnce(true, 128), 36'864u) << "images of many texels";
+  EXPECT_EQ(mostFacesAtOnce(false, 1000), 0u);
 }
 
 TEST(FirstBase, MoreOwnTrianglesComeFirstWhereMostLieBesideCreases) {

@@ -11,7 +11,6 @@ relievo_test(mesh_watertight_test LIBS relievo_lod SOURCES geometry/mesh_waterti
 relievo_test(corner_normals_test LIBS relievo_bake SOURCES geometry/corner_normals_test.cpp)
 relievo_test(grid_error_test LIBS relievo_bake SOURCES geometry/grid_error_test.cpp)
 relievo_test(height_fit_test LIBS relievo_bake SOURCES geometry/height_fit_test.cpp)
-relievo_test(image_fill_test LIBS relievo_bake SOURCES geometry/image_fill_test.cpp)
 relievo_test(mip_image_test LIBS relievo_bake SOURCES geometry/mip_image_test.cpp)
 relievo_test(mesh_bake_test LIBS relievo_bake SOURCES geometry/mesh_bake_test.cpp)
 relievo_test(mesh_error_test LIBS relievo_lod SOURCES geometry/mesh_error_test.cpp)

@@ -13,6 +13,8 @@
 #include "patch_fixture.h"
 #include "src/base/srgb.h"
 #include "tests/view_share.h"
+#include "texturing/codec/image_jpeg.h"
+#include "texturing/codec/page_jpeg_codec.h"
 #include "texturing/package/package.h"
 #include "texturing/package/package_layout.h"
 #include "texturing/package/patch_package_builder.h"
@@ -29,10 +31,14 @@ struct Picture {
   int width, height;
   bool repeats;
   std::vector<uint8_t> rgb;
-  SourceImage source() const { return {width, height, repeats, rgb}; }
+  bool fill = false;
+  std::vector<uint8_t> jpeg;
+  SourceImage source() const {
+    return {.width = width, .height = height, .repeats = repeats, .rgb = rgb, .fill = fill, .jpeg = jpeg};
+  }
 };
 Picture pictureOf(int width, int height, bool repeats, uint64_t seed) {
-  Picture p{width, height, repeats, {}};
+  Picture p{width, height, repeats, {}, false, {}};
   for (int y = 0; y < height; ++y)
     for (int x = 0; x < width; ++x)
       for (int c = 0; c < 3; ++c) {
@@ -235,7 +241,7 @@ TEST(PatchImages, TilesMakeTheImage) {
 // ---- the directory ----
 PatchImages someImages(const BaseMesh& base) {
   PatchImages all;
-  all.images = {{200, 90, true, {{100, 1}, {7, 2}}}, {128, 129, false, {{1, 3}, {40'000, 4}}}};
+  all.images = {{200, 90, true, false, false, {{100, 1}, {7, 2}}}, {128, 129, false, true, true, {{40'001, 3}}}};
   for (uint32_t p = 0; p < base.patches.size(); ++p) {
     const uint16_t first = p % 2, second = p / 2 % 2;
     all.of_patch.push_back(p % 3 == 0 ? PatchImage{}
@@ -244,13 +250,14 @@ PatchImages someImages(const BaseMesh& base) {
   all.of_patch[1].at[0][0] = {kMostShownPlace, -kMostShownPlace};
   return all;
 }
-constexpr uint64_t kTileBytes = 100 + 7 + 1 + 40'000;
+constexpr uint64_t kTileBytes = 100 + 7 + 40'001;
 
 bool same(const PatchImages& a, const PatchImages& b) {
   if (a.images.size() != b.images.size() || a.of_patch.size() != b.of_patch.size()) return false;
   for (size_t i = 0; i < a.images.size(); ++i) {
     const StoredImage &x = a.images[i], &y = b.images[i];
-    if (x.width != y.width || x.height != y.height || x.repeats != y.repeats || x.tiles.size() != y.tiles.size())
+    if (x.width != y.width || x.height != y.height || x.repeats != y.repeats || x.is_jpeg != y.is_jpeg ||
+        x.fill != y.fill || x.tiles.size() != y.tiles.size())
       return false;
     for (size_t t = 0; t < x.tiles.size(); ++t)
       if (x.tiles[t].size != y.tiles[t].size || x.tiles[t].hash != y.tiles[t].hash) return false;
@@ -267,7 +274,7 @@ TEST(PatchImages, TheDirectoryIsWithoutLoss) {
   const BaseMesh base = cubeSphere(3, 10, kSeed);
   const PatchImages all = someImages(base);
   const auto bytes = encodePatchImages(all, base.patches);
-  const auto decoded = decodePatchImages(bytes, base.patches, kTileBytes);
+  const auto decoded = decodePatchImages(bytes, base.patches, kTileBytes, true);
   ASSERT_TRUE(decoded.ok()) << decoded.error().text();
   EXPECT_TRUE(same(all, *decoded));
 }
@@ -275,14 +282,15 @@ TEST(PatchImages, TheDirectoryIsWithoutLoss) {
 TEST(PatchImages, ADirectoryOfAnythingIsOneOrAnError) {
   const BaseMesh base = cubeSphere(2, 10, kSeed);
   const PatchImages all = someImages(base);
-  const auto refused = [&](const PatchImages& images, uint64_t tile_bytes, const char* why) {
-    const auto decoded = decodePatchImages(encodePatchImages(images, base.patches), base.patches, tile_bytes);
+  const auto refused = [&](const PatchImages& images, uint64_t tile_bytes, const char* why, bool jpegs = true) {
+    const auto decoded = decodePatchImages(encodePatchImages(images, base.patches), base.patches, tile_bytes, jpegs);
     EXPECT_FALSE(decoded.ok()) << why;
     if (!decoded) {
       EXPECT_EQ(decoded.error().kind, ErrorKind::kInvalidData);
     }
   };
   refused(all, kTileBytes - 1, "tiles of more bytes than there are");
+  refused(all, kTileBytes, "a JPEG before version 15", false);
   PatchImages wrong = all;
   wrong.images[0].width = kMostShownSide + 1;
   refused(wrong, kTileBytes, "too wide");
@@ -292,6 +300,13 @@ TEST(PatchImages, ADirectoryOfAnythingIsOneOrAnError) {
   wrong = all;
   wrong.images[0].width = wrong.images[0].height = kMostShownSide;
   refused(wrong, kTileBytes, "too many texels");
+  wrong = all;
+  wrong.images[1].tiles[0].size = 3 * 128 * 129 + (64 << 10) + 1;
+  refused(wrong, kTileBytes - 40'001 + wrong.images[1].tiles[0].size, "a JPEG of more bytes than its texels");
+  wrong = all;
+  wrong.images[1].is_jpeg = false;
+  wrong.images[1].tiles.push_back({1, 4});
+  refused(wrong, kTileBytes + 1, "filled, and no JPEG");
   wrong = all;
   wrong.images[0].tiles[0].size = 0;
   refused(wrong, kTileBytes - 100, "a tile of no bytes");
@@ -305,20 +320,20 @@ TEST(PatchImages, ADirectoryOfAnythingIsOneOrAnError) {
   // The first patch that shows images names one that is not there.
   std::vector<uint8_t> raw(ZSTD_getFrameContentSize(bytes.data(), bytes.size()));
   ASSERT_EQ(ZSTD_decompress(raw.data(), raw.size(), bytes.data(), bytes.size()), raw.size());
-  uint8_t& image = raw[4 + 2 * 9 + 4 * 12 + base.patches.size()];
+  uint8_t& image = raw[4 + 2 * 9 + 3 * 12 + base.patches.size()];
   ASSERT_EQ(image, all.of_patch[1].image[0]);
   for (const uint8_t named : {image, uint8_t{2}}) {
     image = named;
     std::vector<uint8_t> frame(ZSTD_compressBound(raw.size()));
     frame.resize(ZSTD_compress(frame.data(), frame.size(), raw.data(), raw.size(), 1));
-    EXPECT_EQ(decodePatchImages(frame, base.patches, kTileBytes).ok(), named < 2);
+    EXPECT_EQ(decodePatchImages(frame, base.patches, kTileBytes, true).ok(), named < 2);
   }
   int sound = 0;
   for (uint64_t i = 0; i < 4000; ++i) {
     std::vector<uint8_t> damaged = bytes;
     damaged[mixBits(3 * i) % bytes.size()] = static_cast<uint8_t>(mixBits(3 * i + 1));
     if (i % 3 == 0) damaged.resize(mixBits(3 * i + 2) % bytes.size());
-    sound += decodePatchImages(damaged, base.patches, kTileBytes).ok();
+    sound += decodePatchImages(damaged, base.patches, kTileBytes, true).ok();
   }
   EXPECT_LT(sound, 4000);
 }
@@ -327,9 +342,9 @@ TEST(PatchImages, ADirectoryOfAnythingIsOneOrAnError) {
 // A third of the patches shows images, at levels 0 to 2; the others have noise at level 0.
 class ShowingPatches final : public NoisyPatches {
  public:
-  ShowingPatches()
+  explicit ShowingPatches(Picture second = pictureOf(64, 130, false, 6))
       : NoisyPatches(cut(cubeSphere(2, 100, kSeed)), 0, 0, kSeed),
-        pictures_{pictureOf(300, 200, true, 5), pictureOf(64, 130, false, 6)} {}
+        pictures_{pictureOf(300, 200, true, 5), std::move(second)} {}
   int textureDepth() const override { return 2; }
   int textureDepthOf(uint32_t patch) const override { return patch % 3 == 0 ? kNoTexturePage : 0; }
   std::vector<SourceImage> images() const override { return {pictures_[0].source(), pictures_[1].source()}; }
@@ -423,6 +438,67 @@ TEST(PatchImages, PagesOfAPackageAreWhatItsImagesShow) {
       }
   }
   EXPECT_LT(sum / (8 * 256), 2.5) << "texels of tails are rounded";
+}
+
+// A page's size, as the encoder of pages makes it.
+Picture jpegPicture(bool fill) {
+  Picture p = pictureOf(kPageFullPx, kPageFullPx, false, 6);
+  std::vector<uint8_t> texels, room(1 << 20);
+  for (size_t i = 0; i < p.rgb.size(); ++i) {
+    texels.push_back(p.rgb[i]);
+    if (i % 3 == 2) texels.push_back(255);
+  }
+  JpegPageEncoder encoder;
+  room.resize(encoder.encode(texels.data(), 30, true, room));
+  p.jpeg = plainJpeg(room);
+  p.fill = fill;
+  auto reader = ImageJpegReader::open(p.jpeg, kPageFullPx, kPageFullPx);
+  EXPECT_TRUE(reader.ok() && reader->read(kPageFullPx, p.rgb).ok());
+  return p;
+}
+
+TEST(PatchImages, AnImageThatCameAsAJpegStaysOne) {
+  ScratchFolder folder;
+  for (const bool fill : {false, true}) {
+    const ShowingPatches source(jpegPicture(fill));
+    const std::string path = folder.file("a.relievo");
+    ASSERT_TRUE(buildPatchPackage(source, optionsOf(path)).ok());
+    auto opened = Package::open(path);
+    ASSERT_TRUE(opened.ok()) << opened.error().text();
+    const Package& package = **opened;
+    EXPECT_EQ(packageVersion(package.header()), 15u);
+    const auto report = verifyPackage(package, 2, nullptr);
+    ASSERT_TRUE(report.ok());
+    EXPECT_TRUE(report->damaged.empty() && report->other.empty());
+    std::vector<PatchImage> patches;
+    for (uint32_t p = 0; p < 24; ++p) patches.push_back(source.imageOf(p));
+    SourceImage second = source.images()[1];
+    std::vector<uint8_t> rgb(second.rgb.begin(), second.rgb.end());
+    if (fill) fillImage(second, 1, patches, rgb);
+    EXPECT_EQ(rgb != std::vector<uint8_t>(second.rgb.begin(), second.rgb.end()), fill) << "some of it is not shown";
+    second.rgb = rgb;
+    const ShownImage first(source.images()[0]), jpeg(second);
+    int exact = 0;
+    for (uint32_t p = 0; p < 24; p += 3) {
+      const ShownTexels which{7, -4, -4, 136};
+      std::vector<uint8_t> expected(kTexturePageBytes);
+      showImages(patches[p], {&first, patches[p].image[1] == 0 ? &first : &jpeg}, which, expected);
+      const auto found = channelsOf(*package.read(PageId(texturePlane(0), {p, 0, 0, 0})));
+      // On the half that shows the JPEG, without any tolerance.
+      bool same = patches[p].image[1] == 1;
+      for (size_t i = 0; i < found.size(); ++i)
+        if (i / 136 % 136 > i % 136) same &= found[i] == expected[i];
+      exact += same;
+    }
+    EXPECT_EQ(exact, 4);
+  }
+  // Without it the same image takes tiles, and the package is of the version before.
+  Picture plain = jpegPicture(false);
+  plain.jpeg.clear();
+  ASSERT_TRUE(buildPatchPackage(ShowingPatches(plain), optionsOf(folder.file("b.relievo"))).ok());
+  EXPECT_EQ(packageVersion((*Package::open(folder.file("b.relievo")))->header()), 14u);
+  EXPECT_GT(std::filesystem::file_size(folder.file("b.relievo")),
+            std::filesystem::file_size(folder.file("a.relievo")) + 10'000);
 }
 
 TEST(PatchImages, BesideThemOwnColoursGoOn) {

@@ -38,5 +38,7 @@ relievo_test(package_test MEMORY OPTIMISED LIBS relievo_stream relievo_import SO
 relievo_test(page_sources_test MEMORY LIBS relievo_stream relievo_import SOURCES texturing/page_sources_test.cpp)
 relievo_test(patch_package_test MEMORY OPTIMISED COST 40 LIBS relievo_stream relievo_import nlohmann_json::nlohmann_json SOURCES texturing/patch_package_test.cpp)
 relievo_test(texture_depths_test MEMORY OPTIMISED COST 20 LIBS relievo_stream relievo_import nlohmann_json::nlohmann_json SOURCES texturing/texture_depths_test.cpp)
+relievo_test(image_fill_test LIBS relievo_package SOURCES texturing/image_fill_test.cpp)
+relievo_test(image_jpeg_test MEMORY LIBS relievo_package JPEG::JPEG SOURCES texturing/image_jpeg_test.cpp)
 relievo_test(patch_images_test MEMORY OPTIMISED LIBS relievo_stream relievo_import zstd::libzstd_shared SOURCES texturing/patch_images_test.cpp)
 relievo_test(patch_tails_test MEMORY OPTIMISED COST 30 LIBS relievo_stream relievo_import SOURCES texturing/patch_tails_test.cpp)

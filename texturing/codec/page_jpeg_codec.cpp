@@ -1,50 +1,21 @@
 #include "texturing/codec/page_jpeg_codec.h"
 
 #include <algorithm>
-#include <csetjmp>
-#include <cstddef>
-#include <cstdio>  // jpeglib.h needs FILE and size_t
-
-#include <jpeglib.h>
 
 #include "src/artwork/patch_domain.h"
+#include "texturing/codec/jpeg_errors.h"
 
 namespace relievo {
 namespace {
 
+using jpeg::jumpingErrors;
+using jpeg::JumpingErrors;
+using jpeg::leave;
+
 constexpr int kBasicStep = 20;  // at quality 50: about the mean of JPEG's example tables
 
-// libjpeg knows no way out of an error but a jump: the functions that call setjmp hold nothing that would need a
-// destructor.
-struct JumpingErrors {
-  jpeg_error_mgr base;
-  std::jmp_buf jump;
-};
-[[noreturn]] void leave(j_common_ptr info) { std::longjmp(reinterpret_cast<JumpingErrors*>(info->err)->jump, 1); }
-// Level -1 are warnings: damaged data, which libjpeg would paper over with grey.
-void onMessage(j_common_ptr info, int level) {
-  if (level < 0) leave(info);
-}
-void ignoreText(j_common_ptr) {}
-
-jpeg_error_mgr* jumpingErrors(JumpingErrors* errors) {
-  jpeg_std_error(&errors->base);
-  errors->base.error_exit = leave;
-  errors->base.emit_message = onMessage;
-  errors->base.output_message = ignoreText;
-  return &errors->base;
-}
-
 void nothing(j_compress_ptr) {}
-void nothing(j_decompress_ptr) {}
 boolean noMoreRoom(j_compress_ptr info) { leave(reinterpret_cast<j_common_ptr>(info)); }
-boolean noMoreBytes(j_decompress_ptr info) { leave(reinterpret_cast<j_common_ptr>(info)); }
-void skipBytes(j_decompress_ptr info, long n) {
-  if (n <= 0) return;
-  if (static_cast<size_t>(n) > info->src->bytes_in_buffer) leave(reinterpret_cast<j_common_ptr>(info));
-  info->src->next_input_byte += n;
-  info->src->bytes_in_buffer -= static_cast<size_t>(n);
-}
 
 }  // namespace
 
@@ -145,12 +116,7 @@ struct JpegPageDecoder::Impl {
 JpegPageDecoder::JpegPageDecoder() : impl_(new Impl) {
   impl_->info.err = jumpingErrors(&impl_->errors);
   jpeg_create_decompress(&impl_->info);
-  impl_->source.init_source = nothing;
-  impl_->source.fill_input_buffer = noMoreBytes;
-  impl_->source.skip_input_data = skipBytes;
-  impl_->source.resync_to_restart = jpeg_resync_to_restart;
-  impl_->source.term_source = nothing;
-  impl_->info.src = &impl_->source;
+  jpeg::readFromMemory(impl_->info, impl_->source);
 }
 
 JpegPageDecoder::~JpegPageDecoder() {

@@ -100,9 +100,10 @@ constexpr size_t kTexelsField = 2068;
 constexpr size_t kIndexField = 2072;
 // From version 11 on: how the base mesh is interpolated, 1: on halves; in version 12 also 0: not so. Before: 0.
 constexpr size_t kCutField = 2076;
-// From version 13 on: how images that patches show are stored, and where; in version 14 also 0: there are none.
+// From version 13 on: how images that patches show are stored, and where; in version 14 also 0: there are none;
+// in version 15 2: some are JPEGs.
 constexpr size_t kImagesField = 2080, kImagesPlaceFields = 2088;
-// Version 14: how colours of tails end, 1.
+// From version 14 on: how colours of tails end, 1; in version 15 also 0: not so.
 constexpr size_t kTailEdgesField = 2084;
 constexpr size_t kBasisName = 320, kBasisNameBytes = 32, kBasisCounts = 352, kBasisEncodings = 368, kBasisScales = 432;
 static_assert(kBasisEncodings + 2 * kMaxTexturePlanes <= kBasisScales);
@@ -375,7 +376,7 @@ void encodeHeader(const PackageHeader& h, std::span<uint8_t> out) {
   if (h.cut_patches) f.put(kCutField, 1u);
   if (h.tail_edges) f.put(kTailEdgesField, 1u);
   if (h.showsImages()) {
-    f.put(kImagesField, 1u);
+    f.put(kImagesField, h.image_jpegs ? 2u : 1u);
     f.put(kImagesPlaceFields, h.images_offset);
     f.put(kImagesPlaceFields + 8, h.images_bytes);
     f.put(kImagesPlaceFields + 16, h.images_hash);
@@ -437,9 +438,9 @@ class HeaderDecoder {
                    "make one with `relievo build`", 0};
     }
     version_ = at<uint32_t>(8);
-    if (version_ < 1 || version_ > 14) {
+    if (version_ < 1 || version_ > 15) {
       return Error{ErrorKind::kUnsupported, path_,
-                   "expected package version 1 to 14, found " + std::to_string(version_),
+                   "expected package version 1 to 15, found " + std::to_string(version_),
                    "use a newer relievo, or rebuild the package", 8};
     }
     if (at<uint64_t>(kHeaderBytes - 8) != XXH3_64bits(p_, kHeaderBytes - 8))
@@ -491,7 +492,8 @@ class HeaderDecoder {
     h_.coded_base = version_ >= 7;
     h_.coded_texels = version_ >= 8;
     h_.base_by_border = version_ >= 12;
-    h_.tail_edges = version_ >= 14;
+    h_.image_jpegs = version_ >= 15;
+    h_.tail_edges = version_ == 14 || (version_ >= 15 && at<uint32_t>(kTailEdgesField) != 0);
     h_.cut_patches = version_ == 11 || (version_ >= 12 && at<uint32_t>(kCutField) != 0);
     h_.light_patches = version_ >= 11 ? at<uint32_t>(kIndexField) != 0 : version_ >= 10;
     h_.coded_index = version_ >= 11 ? h_.light_patches : version_ >= 9;
@@ -519,9 +521,10 @@ class HeaderDecoder {
     if (const auto kind = at<uint32_t>(kCutField); h_.cut_patches && kind != 1)
       return unsupported(kCutField, "expected a base mesh interpolated by kind 1 in version " +
                                         std::to_string(version_) + ", found " + std::to_string(kind));
-    if (const auto kind = at<uint32_t>(kImagesField); mayShowImages() && kind != 1)
-      return unsupported(kImagesField, "expected images of kind 1 in version " + std::to_string(version_) + ", found " +
-                                           std::to_string(kind));
+    if (const uint32_t kind = at<uint32_t>(kImagesField), expected = h_.image_jpegs ? 2 : 1;
+        mayShowImages() && kind != expected)
+      return unsupported(kImagesField, "expected images of kind " + std::to_string(expected) + " in version " +
+                                           std::to_string(version_) + ", found " + std::to_string(kind));
     if (const auto kind = at<uint32_t>(kTailEdgesField); h_.tail_edges && kind != 1)
       return unsupported(kTailEdgesField, "expected colours of tails that end by kind 1 in version " +
                                               std::to_string(version_) + ", found " + std::to_string(kind));
@@ -548,7 +551,9 @@ class HeaderDecoder {
     return {};
   }
 
-  bool mayShowImages() const { return version_ == 13 || (version_ >= 14 && at<uint32_t>(kImagesField) != 0); }
+  bool mayShowImages() const {
+    return version_ == 13 || (version_ == 14 && at<uint32_t>(kImagesField) != 0) || version_ >= 15;
+  }
   // The tails' place is known.
   Result<void> readImages() {
     h_.images_offset = at<uint64_t>(kImagesPlaceFields);

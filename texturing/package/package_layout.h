@@ -76,6 +76,8 @@ struct PackageHeader {
   // their tiles, which begin where the tails' directory ends.
   uint64_t images_offset = 0, images_bytes = 0, images_hash = 0;
   bool showsImages() const { return images_bytes > 0; }
+  // Version 15, one of version 14 or 13 some of whose images are JPEGs.
+  bool image_jpegs = false;
   // Version 14, one of version 12 or 13 with cut patches whose tails' colours end at edges (isColourEdge()).
   bool tail_edges = false;
   uint64_t tilesOffset() const { return tails_offset + tails_bytes; }
@@ -90,11 +92,12 @@ struct PackageHeader {
   // The directory of the patches' tails (0 bytes: there are none): package_tails.h.
   uint64_t tails_offset = 0, tails_bytes = 0, tails_hash = 0;
 };
-// 14 to 4 where it is compact; else 3 where the header describes the basis; else 1, or 2 with a base mesh: packages
+// 15 to 4 where it is compact; else 3 where the header describes the basis; else 1, or 2 with a base mesh: packages
 // of those bases stay what they were.
 inline uint32_t packageVersion(const PackageHeader& h) {
   if (h.compact)
-    return h.tail_edges       ? 14
+    return h.image_jpegs      ? 15
+           : h.tail_edges     ? 14
            : h.showsImages()  ? 13
            : h.base_by_border ? 12
            : h.cut_patches    ? 11

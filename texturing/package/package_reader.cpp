@@ -12,6 +12,7 @@
 #include "src/base/file.h"
 #include "src/base/json_parse.h"
 #include "src/base/parallel_for.h"
+#include "texturing/codec/image_jpeg.h"
 #include "texturing/codec/page_codec.h"
 #include "texturing/codec/tail_code.h"
 #include "texturing/package/base_code.h"
@@ -190,7 +191,8 @@ struct Package::Impl {
       if (XXH3_64bits(bytes.data(), bytes.size()) != header.images_hash)
         return damagedImages("the images that patches show are damaged: their directory's checksum does not match",
                              offset);
-      auto decoded = decodePatchImages(bytes, manifest.base->patches, offset - header.tilesOffset());
+      auto decoded =
+          decodePatchImages(bytes, manifest.base->patches, offset - header.tilesOffset(), header.image_jpegs);
       if (!decoded) return damagedImages(decoded.error().message, offset);
       for (const PatchImage& patch : decoded->of_patch)
         if (patch.depth > header.domain.texture_depth)
@@ -206,9 +208,10 @@ struct Package::Impl {
   bool showsImages(uint32_t patch) const {
     return patch < images.of_patch.size() && images.of_patch[patch].depth != kNoTexturePage;
   }
-  // Calls use(column, row, channels) for each tile, until *stop is set or one is damaged.
-  template <class Use>
-  Result<void> forEachTile(size_t number, PageDecoder& decoder, const std::atomic<bool>* stop, Use&& use) const {
+  // Reads the image a row of tiles at a time: into rgb, all of it, or where that is empty to see whether it is sound.
+  // Until *stop is set or a tile is damaged.
+  Result<void> readImage(size_t number, PageDecoder& decoder, const std::atomic<bool>* stop,
+                         std::span<uint8_t> rgb) const {
     const StoredImage& image = images.images[number];
     uint64_t offset = header.tilesOffset();
     for (size_t i = 0; i < number; ++i)
@@ -221,11 +224,24 @@ struct Package::Impl {
       if (auto read = file.read(offset, bytes); !read) return read;
       if (XXH3_64bits(bytes.data(), bytes.size()) != tile.hash)
         return damagedImages(what + ": its checksum does not match", offset);
-      if (auto decoded = decoder.decodeTexture(bytes, channels); !decoded)
-        return damagedImages(what + ": " + decoded.error().message, offset);
-      use(static_cast<uint32_t>(i % image.columns()), static_cast<uint32_t>(i / image.columns()), channels);
+      auto decoded = image.is_jpeg ? readJpeg(image, bytes, stop, rgb) : decoder.decodeTexture(bytes, channels);
+      if (!decoded) return damagedImages(what + ": " + decoded.error().message, offset);
+      if (!image.is_jpeg && !rgb.empty())
+        pasteTile(image, static_cast<uint32_t>(i % image.columns()), static_cast<uint32_t>(i / image.columns()),
+                  channels, rgb);
       offset += tile.size;
     }
+    return {};
+  }
+  static Result<void> readJpeg(const StoredImage& image, std::span<const uint8_t> bytes, const std::atomic<bool>* stop,
+                               std::span<uint8_t> rgb) {
+    auto jpeg = ImageJpegReader::open(bytes, image.width, image.height);
+    if (!jpeg) return jpeg.error();
+    const size_t row_bytes = size_t{3} * image.width;
+    std::vector<uint8_t> row(rgb.empty() ? row_bytes : 0);
+    for (uint32_t y = 0; y < image.height && !(stop && stop->load()); ++y)
+      if (auto read = jpeg->read(1, rgb.empty() ? std::span(row) : rgb.subspan(y * row_bytes, row_bytes)); !read)
+        return read;
     return {};
   }
   Result<std::shared_ptr<const ShownImage>> shownImage(size_t number) const {
@@ -235,12 +251,13 @@ struct Package::Impl {
     const StoredImage& stored = images.images[number];
     std::vector<uint8_t> rgb(size_t{3} * stored.width * stored.height);
     PageDecoder decoder;
-    auto pasted = forEachTile(number, decoder, nullptr, [&](uint32_t column, uint32_t row, auto& channels) {
-      pasteTile(stored, column, row, channels, rgb);
-    });
-    if (!pasted) return pasted.error();
-    read.image = std::make_shared<const ShownImage>(
-        SourceImage{static_cast<int>(stored.width), static_cast<int>(stored.height), stored.repeats, rgb});
+    if (auto done = readImage(number, decoder, nullptr, rgb); !done) return done.error();
+    const SourceImage image{.width = static_cast<int>(stored.width),
+                            .height = static_cast<int>(stored.height),
+                            .repeats = stored.repeats,
+                            .rgb = rgb};
+    if (stored.fill) fillImage(image, number, images.of_patch, rgb);
+    read.image = std::make_shared<const ShownImage>(image);
     return read.image;
   }
   // Of a patch that shows images.
@@ -530,8 +547,7 @@ void Package::checkImages(const std::function<void(const Error&)>& problem, cons
   if (impl_->images_problem) problem(*impl_->images_problem);
   PageDecoder decoder;
   for (size_t i = 0; i < impl_->images.images.size() && !(stop && stop->load()); ++i)
-    if (auto read = impl_->forEachTile(i, decoder, stop, [](uint32_t, uint32_t, auto&) {}); !read)
-      problem(read.error());
+    if (auto read = impl_->readImage(i, decoder, stop, {}); !read) problem(read.error());
 }
 
 bool Package::hasTails() const { return impl_->header.tails_bytes > 0; }

@@ -207,7 +207,9 @@ class PackageWriter {
   // them.
   Result<void> appendTails(std::span<const uint8_t> chunk);
   // Images that patches show (patch_images.h): what their tiles take, one after the other, and the directory of them.
-  void setImages(std::vector<std::vector<uint8_t>> tiles, std::vector<uint8_t> directory) {
+  // jpegs: there are such.
+  void setImages(std::vector<std::vector<uint8_t>> tiles, std::vector<uint8_t> directory, bool jpegs) {
+    header_.image_jpegs = jpegs;
     tiles_ = std::move(tiles);
     images_ = std::move(directory);
   }

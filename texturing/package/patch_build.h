@@ -73,6 +73,7 @@ struct Context {
   // What patches show of images that the package has once (patch_images.h); empty: none does.
   std::vector<PatchImage> image_of_patch;
   std::vector<ShownImage> shown_images;
+  std::vector<std::vector<uint8_t>> filled_images;  // SourceImage::fill, R G B; others: empty
   bool showsImage(uint32_t patch) const {
     return !image_of_patch.empty() && image_of_patch[patch].depth != kNoTexturePage;
   }

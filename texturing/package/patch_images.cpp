@@ -11,13 +11,15 @@
 #include "src/artwork/basis.h"
 #include "texturing/codec/mip.h"
 #include "texturing/codec/page_codec.h"
+#include "texturing/package/image_fill.h"
 #include "texturing/package/package_layout.h"
 
 namespace relievo {
 namespace {
 
 constexpr int kZstdLevel = 19;
-constexpr int kPlaceLog2 = 8;  // PatchImage::at counts 256ths of texels
+constexpr uint8_t kRepeats = 1, kIsJpeg = 2, kFill = 4;  // of an image
+constexpr int kPlaceLog2 = 8;                            // PatchImage::at counts 256ths of texels
 constexpr size_t kImageHeadBytes = 9, kTileBytes = 12, kPatchBytes = 1, kHalvesBytes = 2 * 2,
                  kPlacesBytes = 2 * 3 * (8 + 3);
 
@@ -304,6 +306,24 @@ void pasteTile(const StoredImage& image, uint32_t column, uint32_t row, std::spa
             channels[(c * kPageFullPx + kPageBorderPx + y - y0) * kPageFullPx + kPageBorderPx + x - x0];
 }
 
+// A JPEG has hardly more than its texels, but for its tables.
+uint64_t StoredImage::mostTileBytes() const {
+  constexpr uint64_t kTables = 64 << 10;
+  return is_jpeg ? uint64_t{3} * width * height + kTables : kMaxEncodedPageBytes;
+}
+
+bool PatchImages::anyJpeg() const {
+  return std::any_of(images.begin(), images.end(), [](const StoredImage& image) { return image.is_jpeg; });
+}
+
+void fillImage(const SourceImage& image, size_t number, std::span<const PatchImage> patches, std::span<uint8_t> rgb) {
+  ShownMarks marks(image.width, image.height, image.repeats);
+  for (const PatchImage& patch : patches)
+    for (size_t half = 0; half < 2; ++half)
+      if (patch.depth != kNoTexturePage && patch.image[half] == number) marks.add(patch.at[half]);
+  std::move(marks).fillRest(rgb);
+}
+
 std::vector<uint8_t> encodePatchImages(const PatchImages& all, PatchCornersOf corners) {
   std::vector<uint8_t> raw;
   auto put = [&](auto v) {
@@ -314,7 +334,8 @@ std::vector<uint8_t> encodePatchImages(const PatchImages& all, PatchCornersOf co
   for (const StoredImage& image : all.images) {
     put(image.width);
     put(image.height);
-    put(static_cast<uint8_t>(image.repeats));
+    put(static_cast<uint8_t>((image.repeats ? kRepeats : 0) | (image.is_jpeg ? kIsJpeg : 0) |
+                             (image.fill ? kFill : 0)));
   }
   for (const StoredImage& image : all.images)
     for (const ImageTile& tile : image.tiles) put(tile.size);
@@ -350,7 +371,8 @@ std::vector<uint8_t> encodePatchImages(const PatchImages& all, PatchCornersOf co
   return out;
 }
 
-Result<PatchImages> decodePatchImages(std::span<const uint8_t> bytes, PatchCornersOf corners, uint64_t tile_bytes) {
+Result<PatchImages> decodePatchImages(std::span<const uint8_t> bytes, PatchCornersOf corners, uint64_t tile_bytes,
+                                      bool jpegs) {
   // A tile takes a byte, and an image a tile.
   const uint64_t most = sizeof(uint32_t) + tile_bytes * (kImageHeadBytes + kTileBytes) +
                         corners.size() * (kPatchBytes + kHalvesBytes + kPlacesBytes);
@@ -376,26 +398,29 @@ Result<PatchImages> decodePatchImages(std::span<const uint8_t> bytes, PatchCorne
   uint64_t texels = 0, tiles = 0;
   out.images.resize(images);
   for (StoredImage& image : out.images) {
-    uint8_t repeats = 0;
+    uint8_t kind = 0;
     take(image.width);
     take(image.height);
-    take(repeats);
+    take(kind);
     if (!whole) return cut;
-    if (image.width < 1 || image.height < 1 || image.width > kMostShownSide || image.height > kMostShownSide ||
-        repeats > 1)
+    if (image.width < 1 || image.height < 1 || image.width > kMostShownSide || image.height > kMostShownSide)
       return damaged("an image has no size of 1 to " + std::to_string(kMostShownSide) + " texels");
-    image.repeats = repeats == 1;
+    image.repeats = (kind & kRepeats) != 0;
+    image.is_jpeg = (kind & kIsJpeg) != 0;
+    image.fill = (kind & kFill) != 0;
+    if (kind > (kRepeats | kIsJpeg | kFill) || (image.fill && !image.is_jpeg) || (image.is_jpeg && !jpegs))
+      return damaged("an image is of an unknown kind");
     texels += uint64_t{image.width} * image.height;
-    tiles += uint64_t{image.columns()} * image.rows();
+    tiles += image.tileCount();
     if (texels > kMostShownTexels || tiles > tile_bytes) return damaged("they have too many texels");
   }
   uint64_t sum = 0;
   for (StoredImage& image : out.images) {
-    image.tiles.resize(size_t{image.columns()} * image.rows());
+    image.tiles.resize(image.tileCount());
     for (ImageTile& tile : image.tiles) {
       take(tile.size);
       sum += tile.size;
-      if (tile.size == 0 || tile.size > kMaxEncodedPageBytes) return damaged("a tile has no size of a page");
+      if (tile.size == 0 || tile.size > image.mostTileBytes()) return damaged("a tile has no size of a page");
     }
   }
   for (StoredImage& image : out.images)

@@ -65,7 +65,8 @@ void showImages(const PatchImage& patch, const std::array<const ShownImage*, 2>&
 void showNormals(const PatchImage& patch, const ShownTexels& which, std::span<uint8_t> out);
 
 // Images are stored as tiles of kPagePx texels a side, rows of them from the top: texture pages of one plane whose
-// borders repeat their own texels, as the tile's beyond the image do.
+// borders repeat their own texels, as the tile's beyond the image do. Or, in version 15, as the JPEG that they came as,
+// which then is the one tile.
 struct ImageTile {
   uint32_t size = 0;
   uint64_t hash = 0;  // xxh3-64
@@ -73,9 +74,13 @@ struct ImageTile {
 struct StoredImage {
   uint32_t width = 0, height = 0;
   bool repeats = false;
+  bool is_jpeg = false;  // (texturing/codec/image_jpeg.h)
+  bool fill = false;     // of a JPEG: once it is read, ShownMarks::fillRest()
   std::vector<ImageTile> tiles;
   uint32_t columns() const { return (width + kPagePx - 1) / kPagePx; }
   uint32_t rows() const { return (height + kPagePx - 1) / kPagePx; }
+  uint64_t tileCount() const { return is_jpeg ? 1 : uint64_t{columns()} * rows(); }
+  uint64_t mostTileBytes() const;
 };
 void cutTile(const SourceImage& image, uint32_t column, uint32_t row, std::span<uint8_t> channels /* of a page */);
 // Into the image's texels, R G B.
@@ -85,10 +90,15 @@ void pasteTile(const StoredImage& image, uint32_t column, uint32_t row, std::spa
 struct PatchImages {
   std::vector<StoredImage> images;
   std::vector<PatchImage> of_patch;  // depth kNoTexturePage: it shows none
+  bool anyJpeg() const;
 };
+// What no patch shows of the image becomes what lies around it.
+void fillImage(const SourceImage& image, size_t number, std::span<const PatchImage> patches, std::span<uint8_t> rgb);
 using PatchCornersOf = std::span<const std::array<uint32_t, 4>>;  // of all patches, in the base mesh
 std::vector<uint8_t> encodePatchImages(const PatchImages& images, PatchCornersOf corners);
-// Safe for untrusted bytes. tile_bytes: what all tiles take. The error names what is wrong; its file is empty.
-Result<PatchImages> decodePatchImages(std::span<const uint8_t> bytes, PatchCornersOf corners, uint64_t tile_bytes);
+// Safe for untrusted bytes. tile_bytes: what all tiles take; jpegs: there may be such (version 15). The error names
+// what is wrong; its file is empty.
+Result<PatchImages> decodePatchImages(std::span<const uint8_t> bytes, PatchCornersOf corners, uint64_t tile_bytes,
+                                      bool jpegs);
 
 }  // namespace relievo

@@ -172,7 +172,6 @@ Result<void> takeImages(Context& context, const BuildOptions& options) {
   const PackageHeader& h = context.header;
   if (!h.base_by_border || !h.cut_patches || options.texture_tolerance < 0 || !hasNormals(h.texture))
     return usage("patches that show images need a package of version 13");
-  for (const SourceImage& image : images) context.shown_images.emplace_back(image);
   for (uint32_t p = 0; p < h.domain.patchCount(); ++p) {
     context.image_of_patch.push_back(context.source.imageOf(p));
     const PatchImage& patch = context.image_of_patch.back();
@@ -180,13 +179,26 @@ Result<void> takeImages(Context& context, const BuildOptions& options) {
     assert(context.own_depth[p] == kTail && patch.depth <= std::min(kMostShownDepth, h.domain.texture_depth) &&
            std::max(patch.image[0], patch.image[1]) < images.size());
   }
+  context.filled_images.resize(images.size());
+  for (size_t i = 0; i < images.size(); ++i) {
+    SourceImage image = images[i];
+    if (image.fill) {
+      std::vector<uint8_t>& filled = context.filled_images[i];
+      filled.assign(image.rgb.begin(), image.rgb.end());
+      fillImage(image, i, context.image_of_patch, filled);
+      image.rgb = filled;
+    }
+    context.shown_images.emplace_back(image);
+  }
   return {};
 }
 
 // The images' tiles and the directory of them, for the writer.
 Result<void> writeImages(const Context& context, const BuildOptions& options, int workers, PackageWriter& writer) {
   if (context.image_of_patch.empty()) return {};
-  const std::vector<SourceImage> images = context.source.images();
+  std::vector<SourceImage> images = context.source.images();
+  for (size_t i = 0; i < images.size(); ++i)
+    if (images[i].fill) images[i].rgb = context.filled_images[i];
   const auto tolerances = channelTolerances(context.header.texture, options.texture_tolerance);
   PatchImages stored;
   stored.of_patch = context.image_of_patch;
@@ -221,10 +233,25 @@ Result<void> writeImages(const Context& context, const BuildOptions& options, in
         tiles[i].assign(bytes.begin(), bytes.end());
       });
   if (!whole) return Error{ErrorKind::kInterrupted, options.output, "interrupted", "nothing was written", {}};
-  for (size_t i = 0; i < tiles.size(); ++i)
-    stored.images[places[i].image].tiles.push_back({static_cast<uint32_t>(tiles[i].size()), encodedHash(tiles[i])});
+  // Of an image that came as a JPEG this takes fewer bytes, as a rule: not where hardly any of an atlas is shown.
+  std::vector<std::vector<uint8_t>> kept;
+  for (size_t image = 0, begin = 0; image < images.size(); ++image) {
+    StoredImage& s = stored.images[image];
+    const size_t end = begin + s.tileCount();
+    size_t bytes = 0;
+    for (size_t i = begin; i < end; ++i) bytes += tiles[i].size();
+    const std::span<const uint8_t> jpeg = images[image].jpeg;
+    s.is_jpeg = !jpeg.empty() && jpeg.size() < bytes;
+    s.fill = s.is_jpeg && images[image].fill;
+    if (s.is_jpeg) kept.emplace_back(jpeg.begin(), jpeg.end());
+    else
+      for (size_t i = begin; i < end; ++i) kept.push_back(std::move(tiles[i]));
+    for (size_t i = kept.size() - s.tileCount(); i < kept.size(); ++i)
+      s.tiles.push_back({static_cast<uint32_t>(kept[i].size()), encodedHash(kept[i])});
+    begin = end;
+  }
   auto directory = encodePatchImages(stored, context.source.base().patches);
-  writer.setImages(std::move(tiles), std::move(directory));
+  writer.setImages(std::move(kept), std::move(directory), stored.anyJpeg());
   return {};
 }
 

@@ -22,6 +22,8 @@ struct SourceImage {
   int width = 0, height = 0;
   bool repeats = false;  // beyond its borders; else these go on
   std::span<const uint8_t> rgb;
+  bool fill = false;              // what no patch shows of it may become what lies around it (image_fill.h)
+  std::span<const uint8_t> jpeg;  // the same texels as plainJpeg() gives them; none: they came from no such file
 };
 // Where a patch that is cut lies in images: on each half, to the right of the diagonal and to its left, affinely.
 struct PatchImage {
