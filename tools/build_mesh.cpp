@@ -597,7 +597,8 @@ Result<bool> MeshBuild::nextBase(const Fidelity& now, BakeLimit limit, bool bett
     const size_t triangles = loaded_.mesh.triangles.size();
     const auto own = triangles <= 2 * size_t{kFewFaces}    ? OwnTriangles::kFew
                      : triangles <= 2 * size_t{kManyFaces} ? OwnTriangles::kMany
-                                                           : OwnTriangles::kTooMany;
+                     : most_simplified_ < kMostSimplified  ? OwnTriangles::kTooMany
+                                                           : OwnTriangles::kNone;
     const auto next = simplified_rounds_.after({now.excess(), fidelity_.excess(), better, fidelity_.kept()}, own);
     if (next == SimplifiedRounds::Next::kEnd) return fidelity_.kept() ? false : useMorePatches();
     if (next == SimplifiedRounds::Next::kSameBase) {

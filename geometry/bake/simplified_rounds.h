@@ -11,7 +11,7 @@
 namespace relievo {
 
 // What more rounds would bring is judged by what the last two brought: rounds that lead nowhere near the target are
-// spared where the scan's own triangles can be patches, since these keep it.
+// spared where the scan's own triangles can be patches, since these keep it, or where there may be more patches.
 class SimplifiedRounds {
  public:
   static constexpr int kRounds = 5, kInVain = 2;  // bakes; of them in a row, none better than those before
@@ -28,12 +28,13 @@ class SimplifiedRounds {
   };
   // kSameBase: the same base once more, in the other way.
   enum class Next : uint8_t { kAgain, kSameBase, kOwnTriangles, kEnd };
-  // Whether the scan's own triangles may be patches. Few of them take hardly more bytes than simplified ones.
-  enum class OwnTriangles : uint8_t { kTooMany, kMany, kFew };
+  // Whether the scan's own triangles may be patches. Few of them take hardly more bytes than simplified ones. kTooMany:
+  // more patches than these rounds have may come next; kNone: nothing comes next.
+  enum class OwnTriangles : uint8_t { kNone, kTooMany, kMany, kFew };
   // The first base is baked in both ways, unless the first one is hopeless; all others in the better one. Which one
   // that is depends on the scan, and much: the other one may miss by ten times as much.
   Next after(Bake bake, OwnTriangles own) {
-    const bool own_triangles = own != OwnTriangles::kTooMany;
+    const bool own_triangles = own == OwnTriangles::kMany || own == OwnTriangles::kFew;
     first_was_better_ = false;
     if (ways_ == 0 && bake.own <= kHopeless) {
       ways_ = 1;
@@ -53,12 +54,16 @@ class SimplifiedRounds {
     const int times = !bake.kept && bake.least < kNearly ? 2 : 1, rounds = times * kRounds;
     // What the last two rounds gained, as often again as rounds are left.
     const double gained = bake.least / least_before_[1], left = std::max(rounds - round_ + 1, 0) / 2.0;
-    const bool in_sight = own == OwnTriangles::kFew ? round_ < 3 && bake.least <= kFarOff
-                                                    : round_ < 3 || bake.least * std::pow(gained, left) <= kFarOff;
+    const double at_the_end = bake.least * std::pow(gained, left);
+    bool in_sight = true;
+    if (own == OwnTriangles::kFew) in_sight = round_ < 3 && bake.least <= kFarOff;
+    if (own == OwnTriangles::kMany) in_sight = round_ < 3 || at_the_end <= kFarOff;
+    if (own == OwnTriangles::kTooMany) in_sight = round_ < 3 || at_the_end <= kNearly;
     least_before_ = {bake.least, least_before_[0]};
     over_ = round_ > rounds || in_vain_ >= (own_triangles ? 1 : times) * kInVain || bake.own > kHopeless;
     if (over_) return !bake.kept && own_triangles ? Next::kOwnTriangles : Next::kEnd;
-    return in_sight || !own_triangles ? Next::kAgain : Next::kOwnTriangles;
+    if (in_sight) return Next::kAgain;
+    return own_triangles ? Next::kOwnTriangles : Next::kEnd;
   }
   // No further round is worth its while, whether or not there is anything else.
   bool over() const { return over_; }

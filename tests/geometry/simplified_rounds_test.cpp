@@ -38,7 +38,7 @@ TEST(SimplifiedRounds, ThatLeadNowhereEndEarlyWhereTheOwnTrianglesCanBePatches) 
   const std::vector<double> slow{30, 28, 20, 18, 15, 13};
   EXPECT_EQ(roundsOf(slow, Own::kMany), (Outcome{3, Next::kOwnTriangles, false}));
   // Control: where there is nothing else, every round is tried, and at the end what there is is kept.
-  EXPECT_EQ(roundsOf(slow, Own::kTooMany), (Outcome{6, Next::kEnd, true}));
+  EXPECT_EQ(roundsOf(slow, Own::kNone), (Outcome{6, Next::kEnd, true}));
   // Control: rounds that halve what is missed lead to the target: 30, 15, 7.5, and three more end at 1.
   EXPECT_EQ(roundsOf({30, 15, 7.5, 3.7}, Own::kMany), (Outcome{4, Next::kAgain, false}));
   // Not before the third round: the first ones are of a base that nothing is known about.
@@ -52,16 +52,26 @@ TEST(SimplifiedRounds, ThatLeadNowhereEndEarlyWhereTheOwnTrianglesCanBePatches) 
   EXPECT_EQ(roundsOf({30, 12, 9, 8.9, 8.8}, Own::kMany), (Outcome{4, Next::kOwnTriangles, false}));
 }
 
+TEST(SimplifiedRounds, ThatDoNotComeNearTheTargetEndEarlyWhereThereMayBeMorePatches) {
+  // 5 after two rounds that gained a third together: three more would end at 2.7, not near enough to go on.
+  const std::vector<double> slow{7.5, 6.5, 5, 4.5, 4, 3.8};
+  EXPECT_EQ(roundsOf(slow, Own::kTooMany), (Outcome{3, Next::kEnd, false}));
+  EXPECT_EQ(roundsOf(slow, Own::kMany), (Outcome{6, Next::kOwnTriangles, true})) << "control: near enough for these";
+  EXPECT_EQ(roundsOf(slow, Own::kNone), (Outcome{6, Next::kEnd, true})) << "control: nothing else is left";
+  // 4 after two rounds that halved it: three more would end at 1.4.
+  EXPECT_EQ(roundsOf({8, 6, 4, 3}, Own::kTooMany), (Outcome{4, Next::kAgain, false}));
+}
+
 TEST(SimplifiedRounds, EndWhereNoMoreHelp) {
   // Twice in a row no better; then the own triangles, if there may be so many patches.
   EXPECT_EQ(roundsOf({20, 21, 22}, Own::kMany), (Outcome{3, Next::kOwnTriangles, true}));
   EXPECT_EQ(roundsOf({3, 3.1, 3.2}, Own::kMany), (Outcome{3, Next::kOwnTriangles, true}));
-  EXPECT_EQ(roundsOf({3, 3.1, 3.2}, Own::kTooMany), (Outcome{3, Next::kEnd, true}));
+  EXPECT_EQ(roundsOf({3, 3.1, 3.2}, Own::kNone), (Outcome{3, Next::kEnd, true}));
   EXPECT_EQ(roundsOf({40}, Own::kMany), (Outcome{1, Next::kOwnTriangles, true}));
   EXPECT_EQ(roundsOf({40}, Own::kTooMany), (Outcome{1, Next::kEnd, true}));
   // Near the target four times in a row where there is nothing else, but no more than twice once it is kept.
-  EXPECT_EQ(roundsOf({3, 1.9, 2, 2.1, 2.2, 2.3}, Own::kTooMany), (Outcome{6, Next::kEnd, true}));
-  EXPECT_EQ(roundsOf({3, 1.9, 2, 2.1, 2.2}, Own::kTooMany), (Outcome{5, Next::kAgain, false}));
+  EXPECT_EQ(roundsOf({3, 1.9, 2, 2.1, 2.2, 2.3}, Own::kNone), (Outcome{6, Next::kEnd, true}));
+  EXPECT_EQ(roundsOf({3, 1.9, 2, 2.1, 2.2}, Own::kNone), (Outcome{5, Next::kAgain, false}));
   EXPECT_EQ(roundsOf({3, 1.9, 2, 2.1}, Own::kMany), (Outcome{4, Next::kOwnTriangles, true}));
   EXPECT_EQ(roundsOf({1.5, 0.95, 1.2, 1.3}, Own::kMany), (Outcome{4, Next::kEnd, true}));
   // Six bakes as a rule, eleven where the target is nearly kept.
@@ -95,10 +105,10 @@ TEST(SimplifiedRounds, TakeTheWayThatMissesLess) {
 TEST(SimplifiedRounds, CountBothWaysOfTheFirstBaseAsOne) {
   // The first base was better than what there was before, if either of its bakes was: the next one is in vain once.
   SimplifiedRounds rounds;
-  EXPECT_EQ(rounds.after({3, 3, true, false}, Own::kTooMany), Next::kSameBase);
-  EXPECT_EQ(rounds.after({40, 3, false, false}, Own::kTooMany), Next::kAgain) << "the better one is not hopeless";
-  EXPECT_EQ(rounds.after({3.1, 3, false, false}, Own::kTooMany), Next::kAgain);
-  EXPECT_EQ(rounds.after({3.2, 3, false, false}, Own::kTooMany), Next::kEnd);
+  EXPECT_EQ(rounds.after({3, 3, true, false}, Own::kNone), Next::kSameBase);
+  EXPECT_EQ(rounds.after({40, 3, false, false}, Own::kNone), Next::kAgain) << "the better one is not hopeless";
+  EXPECT_EQ(rounds.after({3.1, 3, false, false}, Own::kNone), Next::kAgain);
+  EXPECT_EQ(rounds.after({3.2, 3, false, false}, Own::kNone), Next::kEnd);
   // What is hopeless in one way is not tried in the other.
   SimplifiedRounds hopeless;
   EXPECT_EQ(hopeless.after({40, 40, true, false}, Own::kTooMany), Next::kEnd);
