@@ -159,6 +159,9 @@ Result<void> accuracy(const AccuracyOptions& o) {
   if (!hash) return hash.error();
   auto context = gl::HeadlessContext::create();
   if (!context) return context.error();
+  std::vector<std::string> notices;
+  if (auto fitted = fitCache(*plan, notices); !fitted) return fitted.error();
+  for (const std::string& notice : notices) warn(notice);
   Result<AccuracyResult> result = Error{};
   {
     ProgressLine line("measuring");

@@ -7,6 +7,8 @@
 #include <random>
 #include <set>
 
+#include "tests/texturing/patch_fixture.h"
+#include "texturing/package/patch_package_builder.h"
 #include "tools/accuracy/accuracy_front.h"
 #include "tools/accuracy/accuracy_report.h"
 #include "tools/accuracy/reencoded_pages.h"
@@ -223,6 +225,63 @@ AccuracyResult someResult() {
   add("cache-mib", "8 MiB", 1, 70, 0.5);
   r.rows.back().problem = "the view did not settle";
   return r;
+}
+
+TEST(AccuracyRelief, TailsAreThoseOfThePackageWithHeightsOfAsManyBits) {
+  // Patches without any texture page: their tails are all that there is.
+  testing_support::ScratchFolder folder;
+  BuildOptions options;
+  options.output = folder.file("a.relievo");
+  options.texture_tolerance = 2;
+  class Plain final : public testing_support::NoisyPatches {
+   public:
+    using NoisyPatches::NoisyPatches;
+    int textureDepthOf(uint32_t /*patch*/) const override { return kNoTexturePage; }
+    Result<void> texels(uint32_t patch, std::span<uint8_t> out) const override {
+      for (size_t i = 0; i < out.size(); ++i) out[i] = static_cast<uint8_t>(40 + 7 * patch + i % 16);
+      return {};
+    }
+  };
+  const auto built = buildPatchPackage(Plain(testing_support::cubeSphere(2, 100, 7), 0, 0, 7), options);
+  ASSERT_TRUE(built.ok()) << built.error().text();
+  const auto package = *Package::open(options.output);
+  EXPECT_EQ(package->manifest().domain.textureDepthOf(0), kNoTexturePage);
+  const PatchTails tails = package->tails(1, nullptr);
+  AccuracySetting setting = knobBase();
+  setting.relief_bits = 9;
+  std::shared_ptr<ReencodedPages> pages;
+  const auto artwork = artworkOf(package, setting, &pages);
+  ASSERT_TRUE(artwork.ok() && artwork->tails);
+  const PatchTails rounded = artwork->tails(1, nullptr);
+  EXPECT_TRUE(rounded.texels == tails.texels);
+  size_t changed = 0;
+  for (size_t i = 0; i < tails.heights.size(); ++i) {
+    ASSERT_EQ(rounded.heights[i], roundedHeight(tails.heights[i], 9));
+    changed += rounded.heights[i] != tails.heights[i];
+  }
+  EXPECT_GT(changed, tails.heights.size() / 2);
+}
+
+TEST(AccuracyKnobs, GetTheCacheThatTheArtworkNeeds) {
+  std::vector<AccuracyKnob> knobs = accuracyKnobs(Manifest{}, true);
+  giveCache(knobs, 325, 261);
+  for (const AccuracyKnob& knob : knobs) {
+    for (const KnobValue& v : knob.values) EXPECT_EQ(v.setting.draw.cache_mib, 325) << knob.name << " " << v.label;
+    if (knob.name == "cache-mib") {
+      EXPECT_EQ(knob.values.size(), 1u);
+      EXPECT_NE(knob.why_not.find("261 MiB"), std::string::npos) << knob.why_not;
+    }
+  }
+  // One that fits keeps the default, and what is not too small.
+  knobs = accuracyKnobs(Manifest{}, true);
+  giveCache(knobs, 256, 23.5);
+  for (const AccuracyKnob& knob : knobs)
+    if (knob.name == "cache-mib") {
+      EXPECT_EQ(knob.values.size(), 2u);
+      EXPECT_EQ(knob.values[0].setting, knobBase());
+      EXPECT_EQ(knob.values[1].setting.draw.cache_mib, 24);
+      EXPECT_EQ(knob.why_not, "");
+    }
 }
 
 TEST(AccuracyReport, AdvisesWhatWasMeasuredAndAFileCanHold) {

@@ -179,7 +179,7 @@ std::string notMeasured(const AccuracyPlan& plan) {
 std::string accuracyHtml(const AccuracyPlan& plan, const AccuracyResult& r, const AccuracyProvenance& made,
                          const std::vector<AccuracyAdvice>& advice, const std::vector<NamedPlot>& plots) {
   std::string out = heading(plan, r, made) + adviceSection(advice) + frontSection(r, plots.front());
-  out += "<h2>One knob at a time</h2>\n<p>The others stand at: " + escapedHtml(settingText(knobBase())) +
+  out += "<h2>One knob at a time</h2>\n<p>The others stand at: " + escapedHtml(settingText(knobBase(plan.cache_mib))) +
          ". That is the default but for its sampling (trilinear), whose blur would hide what the others do.</p>\n" +
          tableHead(false);
   for (const AccuracyRow& row : r.rows)

@@ -84,7 +84,8 @@ class AccuracyRunner {
   }
 
   std::vector<AccuracyTask> knobTasks() const {
-    std::vector<AccuracyTask> out{{"base", "base", knobBase()}, {"base", "default", defaultSetting()}};
+    std::vector<AccuracyTask> out{{"base", "base", knobBase(plan_.cache_mib)},
+                                  {"base", "default", defaultSetting(plan_.cache_mib)}};
     for (const AccuracyKnob& k : plan_.knobs) {
       if (!k.why_not.empty()) continue;
       for (const KnobValue& v : k.values) out.push_back({k.name, v.label, v.setting});
@@ -140,7 +141,7 @@ class AccuracyRunner {
 
   Result<void> measureControl() {
     SettingSamples samples;
-    if (auto done = measure_->round(knobBase(), samples); !done) return done;
+    if (auto done = measure_->round(knobBase(plan_.cache_mib), samples); !done) return done;
     controls_.push_back(figuresOf(samples));
     return {};
   }
@@ -148,7 +149,7 @@ class AccuracyRunner {
   std::vector<AccuracyTask> combinationTasks() const {
     std::vector<MeasuredKnob> measured;
     std::vector<const AccuracyKnob*> knobs;
-    const AccuracyFigures& base = known(knobBase())->figures;
+    const AccuracyFigures& base = known(knobBase(plan_.cache_mib))->figures;
     for (const AccuracyKnob& k : plan_.knobs) {
       if (!k.combined || !k.why_not.empty()) continue;
       MeasuredKnob& m = measured.emplace_back();
@@ -164,7 +165,7 @@ class AccuracyRunner {
     std::vector<AccuracyTask> out;
     if (knobs.size() < 2 || plan_.combinations == 0) return out;
     auto combined = [&](std::span<const size_t> choice) {
-      AccuracySetting setting = knobBase();
+      AccuracySetting setting = knobBase(plan_.cache_mib);
       for (size_t k = 0; k < knobs.size(); ++k)
         turn(knobs[k]->name, knobs[k]->values[choice[k]].setting.draw, setting.draw);
       return setting;
@@ -184,7 +185,7 @@ class AccuracyRunner {
   }
 
   void finishControls() {
-    const AccuracyFigures& base = known(knobBase())->figures;
+    const AccuracyFigures& base = known(knobBase(plan_.cache_mib))->figures;
     std::vector<double> moving{base.moving_ms.median}, still{base.still_ms.median}, cold{base.cold_ms.median};
     for (const AccuracyFigures& c : controls_) {
       moving.push_back(c.moving_ms.median);
@@ -249,6 +250,21 @@ Result<std::vector<CompareCamera>> accuracyPath(const AccuracyPlan& plan) {
     out.push_back(flight[static_cast<size_t>(v / ways) * part + random() % part]);
   }
   return out;
+}
+
+Result<void> fitCache(AccuracyPlan& plan, std::vector<std::string>& notices) {
+  Scene scene;
+  EngineOptions options;
+  options.workers = plan.workers;
+  options.most_cache_mib = kMostCacheMib;
+  applySetting(knobBase(), scene, options);
+  auto need = Engine::cacheNeed(artworkFromPackage(plan.package), scene, options);
+  if (!need) return need.error();
+  auto cache_mib = cacheMibFor(need->least_bytes, options, false, notices);
+  if (!cache_mib) return cache_mib.error();
+  plan.cache_mib = *cache_mib;
+  giveCache(plan.knobs, plan.cache_mib, static_cast<double>(need->least_bytes) / (1 << 20));
+  return {};
 }
 
 Result<AccuracyResult> runAccuracy(const AccuracyPlan& plan, const gl::ContextInfo& context) {

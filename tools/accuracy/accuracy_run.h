@@ -35,6 +35,7 @@ struct AccuracyPlan {
   uint64_t memory_bytes = uint64_t{1} << 30;
   uint64_t reference_triangles = 40'000'000;
   std::vector<AccuracyKnob> knobs;
+  double cache_mib = EngineOptions{}.cache_mib;  // of all settings but those of the cache's knob
   const std::atomic<bool>* interrupted = nullptr;
   std::function<void(double fraction, const std::string& what)> progress;
 };
@@ -79,6 +80,9 @@ struct AccuracyResult {
 
 // The path's cameras: where each view is, and how the camera moves as it arrives there (a 60th of a second earlier).
 Result<std::vector<CompareCamera>> accuracyPath(const AccuracyPlan& plan);
+// Gives the plan and its knobs the cache that this artwork needs, as render does, with a notice where that is more than
+// the default one. Needs a current GL context.
+Result<void> fitCache(AccuracyPlan& plan, std::vector<std::string>& notices);
 Result<AccuracyResult> runAccuracy(const AccuracyPlan& plan, const gl::ContextInfo& context);
 
 }  // namespace relievo

@@ -1,6 +1,7 @@
 #include "tools/accuracy/knobs.h"
 
 #include <algorithm>
+#include <cmath>
 #include <cstdio>
 
 namespace relievo {
@@ -167,7 +168,7 @@ std::vector<AccuracyKnob> packageKnobs(const Manifest& manifest, bool quick) {
 
 }  // namespace
 
-AccuracySetting defaultSetting() {
+AccuracySetting defaultSetting(double cache_mib) {
   const Scene scene;
   const EngineOptions options;
   AccuracySetting s;
@@ -180,14 +181,29 @@ AccuracySetting defaultSetting() {
             .feedback_scale = options.feedback_scale,
             .feedback_interval = options.feedback_interval,
             .prefetch = options.prefetch,
-            .cache_mib = options.cache_mib};
+            .cache_mib = cache_mib};
   return s;
 }
 
-AccuracySetting knobBase() {
-  AccuracySetting s = defaultSetting();
+AccuracySetting knobBase(double cache_mib) {
+  AccuracySetting s = defaultSetting(cache_mib);
   s.draw.sampling = "anisotropic";
   return s;
+}
+
+void giveCache(std::vector<AccuracyKnob>& knobs, double cache_mib, double least_mib) {
+  for (AccuracyKnob& knob : knobs) {
+    if (knob.name == "cache-mib") {
+      std::erase_if(knob.values, [&](const KnobValue& v) { return *v.setting.draw.cache_mib < least_mib; });
+      const bool has_base = std::any_of(knob.values.begin(), knob.values.end(),
+                                        [&](const KnobValue& v) { return v.setting.draw.cache_mib == cache_mib; });
+      if (!has_base) knob.values.insert(knob.values.begin(), {numberText(cache_mib, " MiB"), knobBase(cache_mib)});
+      if (knob.values.size() < 2 && knob.why_not.empty())
+        knob.why_not = "this artwork needs " + numberText(std::ceil(least_mib), " MiB") + " at least";
+      continue;
+    }
+    for (KnobValue& v : knob.values) v.setting.draw.cache_mib = cache_mib;
+  }
 }
 
 void applySetting(const AccuracySetting& setting, Scene& scene, EngineOptions& options) {

@@ -22,11 +22,11 @@ struct AccuracySetting {
   friend bool operator==(const AccuracySetting&, const AccuracySetting&) = default;
 };
 
-// What relievo render does without any option.
-AccuracySetting defaultSetting();
+// What relievo render does without any option, for an artwork whose page cache is as large as this.
+AccuracySetting defaultSetting(double cache_mib = EngineOptions{}.cache_mib);
 // What the knobs are turned away from, one at a time: the default, with textures as sharp as the renderer has them, so
 // that a blur does not hide what the other knobs do.
-AccuracySetting knobBase();
+AccuracySetting knobBase(double cache_mib = EngineOptions{}.cache_mib);
 // Into an engine's scene and options.
 void applySetting(const AccuracySetting& setting, Scene& scene, EngineOptions& options);
 // "error 1 px, cells 2, bias 0, anisotropic 8, ..."; one line.
@@ -45,5 +45,8 @@ struct AccuracyKnob {
 };
 // All knobs that there are, those that cannot be measured for this artwork with their reasons. quick: fewer values.
 std::vector<AccuracyKnob> accuracyKnobs(const Manifest& manifest, bool quick);
+// An artwork of many patches needs more than the default cache: all values get cache_mib, and of the cache's own those
+// below least_mib are left out.
+void giveCache(std::vector<AccuracyKnob>& knobs, double cache_mib, double least_mib);
 
 }  // namespace relievo

@@ -3,6 +3,7 @@
 #include <time.h>
 
 #include <algorithm>
+#include <utility>
 
 namespace relievo {
 namespace {
@@ -100,7 +101,14 @@ Result<Artwork> artworkOf(std::shared_ptr<const Package> package, const Accuracy
   *pages = *made;
   artwork.manifest.encodings = (*made)->encodings();
   artwork.source = *made;
-  artwork.tails = {};  // made of these pages, so that heights agree with them
+  // Tails hold texels of the source, for some patches all that there are, and samples of the root pages.
+  if (artwork.tails)
+    artwork.tails = [tails = std::move(artwork.tails), bits = setting.relief_bits](int workers,
+                                                                                   std::vector<std::string>* problems) {
+      PatchTails out = tails(workers, problems);
+      for (uint16_t& height : out.heights) height = roundedHeight(height, bits);
+      return out;
+    };
   return artwork;
 }
 

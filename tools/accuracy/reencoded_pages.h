@@ -16,7 +16,7 @@ namespace relievo {
 
 // A height of so many bits: the nearest multiple of 2^(16 - bits), 65535 at most. The same value always becomes the
 // same one, so that pages that meet still agree.
-uint16_t roundedHeight(uint16_t height, int bits);
+uint16_t roundedHeight(uint16_t height, int bits);  // 16: as it is
 
 class ReencodedPages final : public PageSource {
  public:
