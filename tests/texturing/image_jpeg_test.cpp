@@ -3,16 +3,15 @@
 #include "texturing/codec/image_jpeg.h"
 
 #include <gtest/gtest.h>
-#include <jpeglib.h>
 
 #include <cmath>
-#include <cstdlib>
-#include <string>
 
-#include "src/artwork/patch_domain.h"
+#include "tests/texturing/jpeg_file.h"
 
 namespace relievo {
 namespace image_jpeg_test {
+
+using namespace testing_support;
 
 constexpr int kWidth = 90, kHeight = 37;
 
@@ -25,46 +24,7 @@ std::vector<uint8_t> texels(int components) {
   return out;
 }
 
-struct Kind {
-  int components = 3, samples = 2;
-  bool progressive = false, comment = false, scans = false;
-};
-std::vector<uint8_t> encoded(const Kind& kind) {
-  jpeg_compress_struct info;
-  jpeg_error_mgr errors;
-  info.err = jpeg_std_error(&errors);
-  jpeg_create_compress(&info);
-  unsigned char* bytes = nullptr;
-  unsigned long size = 0;
-  jpeg_mem_dest(&info, &bytes, &size);
-  info.image_width = kWidth, info.image_height = kHeight;
-  info.input_components = kind.components;
-  info.in_color_space = kind.components == 3 ? JCS_RGB : kind.components == 4 ? JCS_CMYK : JCS_GRAYSCALE;
-  jpeg_set_defaults(&info);
-  info.restart_interval = 3;
-  info.comp_info[0].h_samp_factor = info.comp_info[0].v_samp_factor = kind.samples;
-  if (kind.progressive) jpeg_simple_progression(&info);
-  const jpeg_scan_info one_each[3] = {{1, {0}, 0, 63, 0, 0}, {1, {1}, 0, 63, 0, 0}, {1, {2}, 0, 63, 0, 0}};
-  if (kind.scans) info.scan_info = one_each, info.num_scans = 3;
-  jpeg_start_compress(&info, TRUE);
-  const std::string said = "made by nobody";
-  if (kind.comment) {
-    jpeg_write_marker(&info, JPEG_COM, reinterpret_cast<const JOCTET*>(said.data()),
-                      static_cast<unsigned>(said.size()));
-    jpeg_write_marker(&info, JPEG_APP0 + 1, reinterpret_cast<const JOCTET*>(said.data()),
-                      static_cast<unsigned>(said.size()));
-  }
-  std::vector<uint8_t> pixels = texels(kind.components);
-  while (info.next_scanline < info.image_height) {
-    JSAMPROW row = &pixels[static_cast<size_t>(info.next_scanline) * kWidth * static_cast<size_t>(kind.components)];
-    jpeg_write_scanlines(&info, &row, 1);
-  }
-  jpeg_finish_compress(&info);
-  std::vector<uint8_t> out(bytes, bytes + size);
-  jpeg_destroy_compress(&info);
-  std::free(bytes);
-  return out;
-}
+std::vector<uint8_t> encoded(const JpegKind& kind) { return jpegFile(kWidth, kHeight, texels(kind.components), kind); }
 
 Result<std::vector<uint8_t>> decoded(std::span<const uint8_t> jpeg, size_t rows_at_once, uint32_t width = kWidth) {
   auto reader = ImageJpegReader::open(jpeg, width, kHeight);
@@ -79,8 +39,8 @@ Result<std::vector<uint8_t>> decoded(std::span<const uint8_t> jpeg, size_t rows_
 }
 
 TEST(ImageJpeg, IsReadRowByRow) {
-  for (const Kind& kind : {Kind{}, Kind{.samples = 1}, Kind{.components = 1, .samples = 1}, Kind{.progressive = true},
-                           Kind{.scans = true}}) {
+  for (const JpegKind& kind : {JpegKind{}, JpegKind{.samples = 1}, JpegKind{.components = 1, .samples = 1},
+                               JpegKind{.progressive = true}, JpegKind{.scans = true}}) {
     const auto file = encoded(kind);
     const auto plain = plainJpeg(file);
     EXPECT_EQ(plain, file) << "nothing to leave out";

@@ -3,8 +3,10 @@
 #include <string>
 
 #include "tests/geometry/mesh_files.h"
+#include "tests/texturing/jpeg_file.h"
 #include "tests/tools/cli_fixture.h"
 #include "tests/view_share.h"
+#include "texturing/package/package.h"
 
 namespace scan_inputs_cli_test {
 
@@ -130,6 +132,40 @@ TEST_F(ScanInputs, AnImageInsideAGltfColoursIt) {
   EXPECT_EQ(r.exit_code, 3) << r.output;
   EXPECT_NE(r.output.find("lies outside its folder"), std::string::npos) << r.output;
   EXPECT_FALSE(fs::exists(file("b.relievo")));
+}
+
+TEST_F(ScanInputs, AJpegIsKeptAsItIs) {
+  constexpr int kSide = 1024;
+  test::Sample s = test::sheet(24, 24, 0.01);
+  for (const auto& t : s.triangles) {
+    std::array<glm::vec2, 3> uv;
+    for (size_t k = 0; k < 3; ++k)
+      uv[k] = {static_cast<float>(s.positions[t[k]].x / 0.24), static_cast<float>(s.positions[t[k]].y / 0.24)};
+    s.corner_uv.push_back(uv);
+  }
+  std::vector<uint8_t> texels;
+  for (int i = 0; i < 3 * kSide * kSide; ++i)
+    texels.push_back(static_cast<uint8_t>(128 + 90 * std::sin(0.9 * (i / 3 % kSide)) * std::cos(0.7 * (i / 3 / kSide)) +
+                                          (i * 2654435761u >> 28)));
+  // Built with the image of these bytes: the package's bytes for all images.
+  const auto bytesOf = [&](const std::vector<uint8_t>& picture, const char* name, const std::string& factor = "") {
+    write(name, std::string(picture.begin(), picture.end()));
+    write("a.glb", test::glbFile(s, ",\"materials\":[{\"pbrMetallicRoughness\":{" + factor +
+                                        "\"baseColorTexture\":{\"index\":0}}}],\"textures\":[{\"source\":0}],"
+                                        "\"images\":[{\"uri\":\"" +
+                                        name + "\"}]"));
+    built("a.glb");
+    EXPECT_NE(said_.find("stored once and as they are"), std::string::npos) << said_;
+    EXPECT_EQ(relievo("verify " + file("a.relievo")).exit_code, 0);
+    return (*Package::open(file("a.relievo")))->shownImages().bytes;
+  };
+  for (const bool progressive : {false, true}) {
+    const auto jpeg = jpegFile(kSide, kSide, texels, {.progressive = progressive, .comment = true, .quality = 60});
+    const uint64_t kept = bytesOf(jpeg, "a.jpg");
+    EXPECT_GE(kept, jpeg.size() - 40);
+    EXPECT_LE(kept, jpeg.size() + 16'000) << "and where patches lie in it";
+    EXPECT_GT(bytesOf(jpeg, "a.jpg", "\"baseColorFactor\":[1,0.5,0.5,1],"), 2 * kept) << "other colours than its own";
+  }
 }
 
 // A sheet of 120 x 60 mm in four strips: an image, another one, a colour, no material.

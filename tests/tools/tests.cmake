@@ -5,7 +5,7 @@ relievo_test(artwork_cache_test RUNS LIBS relievo_image nlohmann_json::nlohmann_
 relievo_test(error_promise_test RUNS LIBS nlohmann_json::nlohmann_json SOURCES tools/error_promise_test.cpp LABELS gl)
 relievo_test(mesh_report_test LIBS relievo_mesh_report SOURCES tools/mesh_report_test.cpp)
 relievo_test(mesh_cli_test RUNS MEMORY COST 70 LIBS nlohmann_json::nlohmann_json SOURCES tools/mesh_cli_test.cpp)
-relievo_test(scan_inputs_cli_test RUNS MEMORY COST 60 LIBS relievo_mesh nlohmann_json::nlohmann_json SOURCES tools/scan_inputs_cli_test.cpp)
+relievo_test(scan_inputs_cli_test RUNS MEMORY COST 60 LIBS relievo_mesh relievo_package JPEG::JPEG nlohmann_json::nlohmann_json SOURCES tools/scan_inputs_cli_test.cpp)
 relievo_test(sample_test LIBS relievo_sample relievo_image relievo_stream relievo_import nlohmann_json::nlohmann_json SOURCES tools/sample_test.cpp)
 relievo_test(bench_report_test LIBS relievo_bench_report nlohmann_json::nlohmann_json SOURCES tools/bench_report_test.cpp)
 relievo_test(compare_test LIBS relievo_compare SOURCES tools/compare_test.cpp)
