@@ -118,6 +118,15 @@ class TriangleDeviation {
   double square_ = 0;
 };
 
+// The finest samples between those of the coarsest grid with no error on any patch.
+int64_t samplesApart(const StrategyScene& scene, int64_t side) {
+  if (scene.coarse.size() != scene.body->base->patches.size()) return 1;
+  for (size_t k = 0; k < CoarseErrors().size() && int64_t{1} << k < side; ++k)
+    if (std::all_of(scene.coarse.begin(), scene.coarse.end(), [k](const CoarseErrors& e) { return e[k] == 0; }))
+      return side >> k;
+  return 1;
+}
+
 }  // namespace
 
 FineSurface::FineSurface(const StrategyScene& scene, double exaggerate, uint64_t vertices_at_most)
@@ -148,7 +157,8 @@ FineSurface::FineSurface(const StrategyScene& scene, double exaggerate, uint64_t
                                     static_cast<double>(top) + axes_[at.patch][1].at(at.j),
                                     d.relief_offset_mm + d.relief_scale_mm * field.at(i, j));
     } else {
-      positions_[v] = scene_.body->vertexMm(at.patch, at.i, at.j, exaggerate_);
+      const int64_t step = axes_[at.patch][0].step;
+      positions_[v] = scene_.body->vertexMm(at.patch, at.i * step, at.j * step, exaggerate_);
     }
   }
   if (flat_) weldFlat();
@@ -159,7 +169,10 @@ FineSurface::FineSurface(const StrategyScene& scene, double exaggerate, uint64_t
 void FineSurface::makeAxes(const StrategyScene& scene) {
   const int64_t side = int64_t{kPagePx} << std::max(0, scene.domain.relief_depth);
   if (!flat_) {
-    axes_.assign(scene.body->base->patches.size(), {SampleAxis{side, 1, side}, SampleAxis{side, 1, side}});
+    const int64_t step = samplesApart(scene, side);
+    const SampleAxis axis{side / step, step, side};
+    axes_.assign(scene.body->base->patches.size(), {axis, axis});
+    finest_ = static_cast<double>(step);
     return;
   }
   const ReliefField& field = *scene.field;
@@ -274,7 +287,9 @@ void FineSurface::withValues(uint32_t patch, F&& f) const {
     const glm::vec3* corner = positions_.data() + static_cast<int64_t>(patch) * per_patch_;
     f([corner, pitch = pitch_](int64_t i, int64_t j) { return glm::dvec3(corner[j * pitch + i]); });
   } else {
-    f([this, patch](int64_t i, int64_t j) { return scene_.body->vertexMm(patch, i, j, exaggerate_); });
+    f([this, patch, step = axes_[patch][0].step](int64_t i, int64_t j) {
+      return scene_.body->vertexMm(patch, i * step, j * step, exaggerate_);
+    });
   }
 }
 
@@ -352,7 +367,7 @@ void FineSurface::append(std::span<const uint32_t> triangles, double cell_sample
       out.y = p.y0 + static_cast<int32_t>(axes_[at.patch][1].at(at.j));
       const int64_t step = axes_[at.patch][0].step;
       out.height_steps = flat_ ? static_cast<float>(scene_.field->at((p.x0 / step) + at.i, (p.y0 / step) + at.j))
-                               : static_cast<float>(scene_.body->at(at.patch, at.i, at.j));
+                               : static_cast<float>(scene_.body->at(at.patch, at.i * step, at.j * step));
       out.instance = node->second;
       mesh.vertices.push_back(out);
     }

@@ -9,6 +9,9 @@
 // relief are linear in pieces over the patch's square, so their distance is largest at a sample, or where the
 // triangle's edge crosses a line of the samples' grid. Units: mm; over a base mesh distances in space, on a flat
 // artwork differences of height. Memory: 20 bytes a vertex.
+//
+// Over a base mesh the samples are those of the coarsest grid that is the finest surface everywhere, by the errors of
+// coarser grids (StrategyScene::coarse): of a scan's own triangles the corners.
 #pragma once
 
 #include <array>
@@ -60,7 +63,8 @@ class FineSurface {
   // The area of a triangle, three vertices, in cells of the finest samples.
   double samplesOf(const uint32_t* triangle) const {
     const Place a = place(triangle[0]), b = place(triangle[1]), c = place(triangle[2]);
-    return 0.5 * std::abs(static_cast<double>((b.i - a.i) * (c.j - a.j) - (b.j - a.j) * (c.i - a.i)));
+    return 0.5 * finest_ * finest_ *
+           std::abs(static_cast<double>((b.i - a.i) * (c.j - a.j) - (b.j - a.j) * (c.i - a.i)));
   }
   // The largest distance of these triangles from the relief above the same places.
   double deviationMm(std::span<const uint32_t> triangles) const;
@@ -98,6 +102,7 @@ class FineSurface {
   bool flat_ = true;
   double exaggerate_ = 1;
   int64_t stride_ = 1;                           // samples between vertices
+  double finest_ = 1;                            // finest samples between samples
   int64_t per_patch_ = 0, pitch_ = 0;            // vertices
   std::vector<std::array<SampleAxis, 2>> axes_;  // by patch, of samples
   std::vector<glm::vec3> positions_;

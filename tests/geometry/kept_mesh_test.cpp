@@ -381,6 +381,57 @@ TEST(KeptMesh, TheGraphIsTheSameWithManyThreads) {
   for (size_t g = 0; g < one.groups.size(); ++g) EXPECT_EQ(one.groups[g].error_mm, many.groups[g].error_mm);
 }
 
+// Flat patches, which every grid shows.
+TEST(KeptMesh, SamplesThatShowNothingMoreAreLeftOut) {
+  PatchMeasures measures;
+  measures.relief_scale_mm = 2.0 / 65535;
+  StrategyScene scene;
+  BaseMesh mesh = cubeSphere(2, 10);
+  mesh.cut = true;
+  scene.domain = PatchDomain::overMesh(static_cast<uint32_t>(mesh.patches.size()), measures);
+  auto base = std::make_shared<BaseMesh>(mesh);
+  auto body = std::make_shared<BodyField>(base, measures);
+  std::fill(body->samples.begin(), body->samples.end(), uint16_t{12'345});
+  scene.body = body;
+  scene.oracle = std::make_shared<MadeUpOracle>(makeDomain(128, 128, 0), 7, true);
+  auto resident = std::make_shared<ReliefSet>();
+  for (uint32_t p = 0; p < base->patches.size(); ++p) resident->insert({p, 0, 0, 0});
+  scene.resident = resident;
+  const FineSurface all(scene, 2, 1'000'000);
+  EXPECT_EQ(all.positions().size(), base->patches.size() * 129 * 129);
+  const double area = all.samplesOf(all.triangles(3).data()) * static_cast<double>(all.triangles(3).size());
+  for (const size_t cells_log2 : {size_t{0}, size_t{3}}) {
+    CoarseErrors errors{};
+    for (size_t k = 0; k < cells_log2; ++k) errors[k] = 0.1f;
+    scene.coarse.assign(base->patches.size(), CoarseErrors{});
+    scene.coarse.back() = errors;  // one patch is enough
+    const FineSurface few(scene, 2, 1'000'000), coarser(scene, 2, 4 * base->patches.size());
+    const size_t side = (size_t{1} << cells_log2) + 1;
+    EXPECT_EQ(few.positions().size(), base->patches.size() * side * side);
+    EXPECT_TRUE(few.whole());
+    EXPECT_EQ(coarser.whole(), cells_log2 == 0);
+    EXPECT_LT(few.deviationMm(few.triangles(3)), 1e-5);
+    EXPECT_LT(coarser.deviationMm(coarser.triangles(3)), 1e-5);
+    const std::vector<uint32_t> triangles = few.triangles(3);
+    EXPECT_NEAR(few.samplesOf(triangles.data()) * static_cast<double>(triangles.size()), area, 1e-6 * area);
+    EXPECT_EQ(openEdges(few, triangles, false), 0u);
+    // The same places: corner by corner of the patches.
+    for (uint32_t p = 0; p < base->patches.size(); ++p)
+      for (const size_t k : {size_t{0}, side - 1, side * side - 1}) {
+        const size_t x = k % side * (128 / (side - 1)), y = k / side * (128 / (side - 1));
+        EXPECT_EQ(few.positions()[p * side * side + k], all.positions()[p * 129 * 129 + y * 129 + x]);
+      }
+    StrategyMesh drawn;
+    few.append(triangles, 16, drawn);
+    int32_t furthest = 0;
+    for (const StrategyVertex& v : drawn.vertices) {
+      EXPECT_EQ(v.height_steps, 12'345);
+      furthest = std::max(furthest, v.x);
+    }
+    EXPECT_EQ(furthest, 128);
+  }
+}
+
 // Over too many samples the mesh starts from every second one, and says how far that is off.
 TEST(KeptMesh, TooManySamplesAreNotAllTaken) {
   const StrategyScene scene = flatScene(256, 256, noiseHeight);
