@@ -6,6 +6,8 @@
 #include <algorithm>
 #include <cstdint>
 #include <memory>
+#include <numeric>
+#include <utility>
 #include <vector>
 
 #include <glm/glm.hpp>
@@ -19,17 +21,25 @@ struct BodyField {
   std::shared_ptr<const BaseMesh> base;
   double offset_mm = 0, scale_mm = 0;
   int64_t side = kPagePx;
-  std::vector<uint16_t> samples;  // patch after patch, (side + 1)^2 each, rows of v from 0
+  std::vector<uint32_t> grid_of;  // by patch: patches that are alike share one
+  std::vector<uint16_t> samples;  // grid after grid, (side + 1)^2 each, rows of v from 0
 
-  BodyField(std::shared_ptr<const BaseMesh> mesh, const PatchMeasures& domain)
+  // grids: grid_of, numbered from 0 on; none: a grid a patch.
+  BodyField(std::shared_ptr<const BaseMesh> mesh, const PatchMeasures& domain, std::vector<uint32_t> grids = {})
       : base(std::move(mesh)),
         offset_mm(domain.relief_offset_mm),
         scale_mm(domain.relief_scale_mm),
-        side(int64_t{kPagePx} << std::max(0, domain.relief_depth)) {
-    samples.resize(base->patches.size() * static_cast<size_t>((side + 1) * (side + 1)));
+        side(int64_t{kPagePx} << std::max(0, domain.relief_depth)),
+        grid_of(std::move(grids)) {
+    if (grid_of.empty()) {
+      grid_of.resize(base->patches.size());
+      std::iota(grid_of.begin(), grid_of.end(), 0u);
+    }
+    const size_t count = size_t{*std::max_element(grid_of.begin(), grid_of.end())} + 1;
+    samples.resize(count * static_cast<size_t>((side + 1) * (side + 1)));
   }
   uint16_t& at(uint32_t patch, int64_t x, int64_t y) {
-    return samples[(static_cast<size_t>(patch) * static_cast<size_t>(side + 1) + static_cast<size_t>(y)) *
+    return samples[(size_t{grid_of[patch]} * static_cast<size_t>(side + 1) + static_cast<size_t>(y)) *
                        static_cast<size_t>(side + 1) +
                    static_cast<size_t>(x)];
   }

@@ -72,7 +72,7 @@ void StrategyPass::bindAll(const gl::Program& program) {
 }
 
 void StrategyPass::upload(const NodeId& relief_page, const uint8_t* texels) {
-  const auto half = static_cast<uint32_t>(slots_.size());
+  const uint32_t half = uploaded_++;
   const SlotIndex slot = slotIndexOf({half / 2, kReliefPartLevel, half % 2});
   slots_[relief_page] = slot;
   const PageUpload upload{slot, PageId(Plane::kRelief, relief_page), texels};

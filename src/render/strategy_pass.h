@@ -31,9 +31,11 @@ struct StrategyDraw {
 
 class StrategyPass {
  public:
+  // relief_pages: how many are uploaded.
   StrategyPass(gl::Api api, const PatchDomain& domain, std::shared_ptr<const BaseMesh> base, uint32_t relief_pages);
   void resize(int width_px, int height_px) { target_.resize(width_px, height_px, false); }
   void upload(const NodeId& relief_page, const uint8_t* texels /* kSlotBytes */);
+  void share(const NodeId& relief_page, const NodeId& uploaded) { slots_[relief_page] = slotOf(uploaded); }  // alike
 
   // Clears, then draws; the driver may not have finished on return. Errors: kRuntime where a program does not link,
   // kUnsupported for tessellation without GL 4.
@@ -74,6 +76,7 @@ class StrategyPass {
   std::unique_ptr<BaseCorners> corners_;
   PagePool pool_;
   PageTable table_;
+  uint32_t uploaded_ = 0;
   std::unordered_map<NodeId, SlotIndex> slots_;
   PatchPass patches_;
   std::array<gl::Program, 10> programs_;

@@ -13,9 +13,12 @@
 #include "tests/render/test_artwork.h"
 #include "tests/render/true_patches.h"
 #include "tests/view_share.h"
+#include "texturing/codec/page_codec.h"
 #include "texturing/package/patch_package_builder.h"
+#include "texturing/stream/relief_subslots.h"
 #include "tools/compare/compare_report.h"
 #include "tools/compare/compare_run.h"
+#include "tools/compare/compare_scene.h"
 
 namespace relievo {
 namespace compare_gltest {
@@ -125,6 +128,48 @@ TEST_F(CompareBody, OfABall) {
   leaveSimplifiedMeshesOut();
   expectGood(run(), 5, false);  // through a crack the far side shows, no background
 }
+// Waves on a quarter of the patches, no height elsewhere: each page is what the package has, and the alike are held
+// once.
+TEST_F(CompareBody, PagesThatAreAlikeAreHeldOnce) {
+  for (const int depth : {0, 1}) {
+    const BaseMesh mesh = test::cubeSphere(2, 40);
+    test::TruePatches source(mesh, {depth, -2, 6.0 / 65535}, [](const glm::dvec3& p, const test::Place&) {
+      return p.x > 1e-6 && p.y > 1e-6 ? 0.5 + 0.01 * p.x * p.y * std::sin(0.3 * p.z) / 40 : 0.5;
+    });
+    BuildOptions options;
+    options.output = folder_.file("alike.relievo");
+    ASSERT_TRUE(buildPatchPackage(source, options).ok());
+    const auto package = *Package::open(options.output);
+    const PatchDomain& domain = package->manifest().domain;
+    std::unique_ptr<StrategyPass> pass;
+    const gl::Api api = gltest::context().info().api;
+    const auto scene = loadCompareScene(package, uint64_t{1} << 30, api, &pass, nullptr);
+    ASSERT_TRUE(scene.ok()) << scene.error().text();
+    uint64_t all = 0;
+    for (int level = 0; level <= depth; ++level) all += domain.nodeCount(level);
+    EXPECT_LT(scene->pages, all / 2);
+    EXPECT_EQ(scene->encoded.size(), all);
+    EXPECT_FALSE(loadCompareScene(package, scene->pages * partBytes(kReliefPartLevel) - 1, api, &pass, nullptr).ok());
+    PageDecoder decoder;
+    std::vector<uint16_t> samples(kReliefPageSamples);
+    size_t raised = 0;
+    for (uint32_t p = 0; p < domain.patchCount(); ++p)
+      for (uint32_t k = 0; k < 1u << (2 * depth); ++k) {
+        const NodeId node{p, static_cast<uint32_t>(depth), k % (1u << depth), k >> depth};
+        const auto page = package->read(PageId(Plane::kRelief, node));
+        ASSERT_TRUE(page.ok() && decoder.decodeRelief(page->bytes, samples).ok());
+        EXPECT_EQ(scene->encoded.at(node).bytes, page->storedBytes());
+        for (int64_t y = 0; y <= kPagePx; ++y)
+          for (int64_t x = 0; x <= kPagePx; ++x) {
+            const uint16_t sample = samples[static_cast<size_t>(y * kReliefSamples + x)];
+            ASSERT_EQ(scene->strategy.body->at(p, node.x * kPagePx + x, node.y * kPagePx + y), sample);
+            raised += sample != samples[0];
+          }
+      }
+    EXPECT_GT(raised, 10'000u);
+  }
+}
+
 TEST_F(CompareBody, WhatIsForFlatArtworksOnlySaysSo) {
   open(test::cubeSphere(1, 40), 0);
   plan_.strategies = {findStrategy("bintree"), findStrategy("uniform")};

@@ -20,11 +20,11 @@ struct CompareScene {
     float decode_ms = 0;  // by one thread
   };
   std::unordered_map<NodeId, Encoded> encoded;
-  uint64_t pages = 0;
+  uint64_t pages = 0;  // in memory: of those that are alike one
 };
 
-// Reads every relief page once. Refuses an artwork whose relief takes more than budget_bytes (kUnsupported), or has
-// none; a damaged page is an error (kInvalidData).
+// Reads every relief page twice: first to see which are alike, as those of flat patches. Refuses an artwork whose
+// relief takes more than budget_bytes (kUnsupported), or has none; a damaged page is an error (kInvalidData).
 // pages: where its relief is read, if not from the package.
 Result<CompareScene> loadCompareScene(std::shared_ptr<const Package> package, uint64_t budget_bytes, gl::Api api,
                                       std::unique_ptr<StrategyPass>* pass, const std::atomic<bool>* interrupted,
