@@ -15,6 +15,7 @@
 
 #include "geometry/bake/mip_image.h"
 #include "geometry/scan/mesh_read.h"
+#include "src/artwork/shown_images.h"
 #include "src/base/file.h"
 #include "src/base/progress.h"
 #include "src/base/srgb.h"
@@ -87,9 +88,10 @@ void multiply(Image8& image, const glm::vec3& tint) {
   for (size_t i = 0; i < image.pixels.size(); ++i) image.pixels[i] = tinted[i % 3][image.pixels[i]];
 }
 
-// The JPEG that `path` is, or `bytes` are, if it gives these texels.
+// The JPEG that `path` is, or `bytes` are, if it gives these texels and is small enough to be shown.
 std::vector<uint8_t> jpegOf(const Image8& image, const std::string& path, const std::vector<uint8_t>* bytes) {
   constexpr uint64_t kMostBytes = uint64_t{256} << 20;
+  if (static_cast<uint64_t>(image.width) * static_cast<uint64_t>(image.height) > kMostShownTexels) return {};
   std::vector<uint8_t> file;
   if (!bytes) {
     auto opened = InputFile::open(path);

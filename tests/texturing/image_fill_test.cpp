@@ -77,6 +77,19 @@ TEST(ImageFill, ImagesAreRepeatedBeyondTheirBordersOrEndThere) {
   EXPECT_EQ(large.share(), 1) << "as much as to count as all";
 }
 
+// A file may have any number of large triangles: the time stays bounded.
+TEST(ImageFill, SoManyLargeTrianglesCountAsAll) {
+  constexpr int kSide = 600;
+  ShownMarks marks(kSide, kSide, false);
+  const std::array<glm::ivec2, 3> half{glm::ivec2(0), glm::ivec2(256 * kSide, 0), glm::ivec2(256 * kSide)};
+  for (int i = 0; i < 63; ++i) marks.add(half);
+  EXPECT_NEAR(marks.share(), 0.5, 0.01);
+  marks.add(half);
+  EXPECT_EQ(marks.share(), 1);
+  for (int i = 0; i < 200; ++i) marks.add(half);
+  EXPECT_EQ(marks.share(), 1);
+}
+
 // Every texel that lies on a triangle, or up to a texel and a half beside it, in real numbers; none much farther.
 TEST(ImageFill, MarksReachATexelAndAHalf) {
   for (int turn = 0; turn < 40; ++turn) {

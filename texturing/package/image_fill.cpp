@@ -15,6 +15,9 @@ constexpr int64_t kMostTimesOver = 4;               // a triangle that is larger
 
 int64_t texelAt(int64_t place) { return place >> kTexelLog2; }
 
+// Of a foreign file's triangles: beyond both all counts as shown.
+constexpr uint64_t kMostLooks = uint64_t{1} << 24, kMostLooksATexel = 64;
+
 struct Level {
   size_t width, height;
   std::vector<uint8_t> rgb;    // means of what is shown
@@ -90,6 +93,12 @@ void ShownMarks::add(const std::array<glm::ivec2, 3>& triangle) {
       std::fill(shown_.begin(), shown_.end(), uint8_t{1});
       return;
     }
+  }
+  auto texelsAlong = [&](size_t i) { return static_cast<uint64_t>(texelAt(high[i]) - texelAt(low[i]) + 1); };
+  looked_at_ += texelsAlong(0) * texelsAlong(1);
+  if (looked_at_ > std::max(kMostLooks, kMostLooksATexel * shown_.size())) {
+    std::fill(shown_.begin(), shown_.end(), uint8_t{1});
+    return;
   }
   auto cross = [](const Place& a, const Place& b) { return a[0] * b[1] - a[1] * b[0]; };
   auto from = [](const Place& a, const Place& b) { return Place{b[0] - a[0], b[1] - a[1]}; };

@@ -16,7 +16,8 @@ namespace relievo {
 class ShownMarks {
  public:
   ShownMarks(int width, int height, bool repeats);
-  // By its corners in 256ths of a texel from the image's upper left corner, within kMostShownPlace.
+  // By its corners in 256ths of a texel from the image's upper left corner, within kMostShownPlace. So many large ones
+  // that it would take long count as all of the image.
   void add(const std::array<glm::ivec2, 3>& triangle);
   double share() const;  // of the image's texels
   // rgb: the image, rows from the top. One of which all is shown, or nothing, stays as it is.
@@ -27,6 +28,7 @@ class ShownMarks {
   int width_, height_;
   bool repeats_;
   std::vector<uint8_t> shown_;
+  uint64_t looked_at_ = 0;  // texels of triangles' boxes
 };
 
 }  // namespace relievo
