@@ -5,7 +5,7 @@
 // a luminance, is CHANNEL(plane, channel) of red, green and blue. LIGHTS, LIGHT_FILES: lights.glsl shades;
 // SHADING_FILES: relief_shading.glsl does. OCCLUSION_FILES: ambient_occlusion.glsl darkens. GLOSS_FILES: gloss.glsl
 // adds highlights. TWO_SIDED: of a scan that is seen from behind the other side is lit. EYE_FILES: eye.glsl, for what
-// asks where a pixel is seen from. NO_PAGES: there is no plane to read (PLANES is 1). NORMALS_OUT: of a scan the
+// asks for the place of a pixel. NO_PAGES: there is no plane to read (PLANES is 1). NORMALS_OUT: of a scan the
 // filtered normal is written.
 #include "shading.h"
 #include "texture_lookup.glsl"
@@ -385,10 +385,7 @@ void main() {
 #endif
 #endif
 #ifdef TWO_SIDED
-  if (v_from_behind) {
-    vec3 on_the_ray = placeAtDepth(gl_FragCoord.xy / vec2(textureSize(u_surface, 0)), 0.5);
-    if (dot(channels[1] - kNormalUnit, wayToViewer(on_the_ray)) < 0.0) channels[1] = 2.0 * kNormalUnit - channels[1];
-  }
+  if (v_from_behind) channels[1] = 2.0 * kNormalUnit - channels[1];
 #endif
 #ifdef NORMALS_OUT
   o_normal = uvec4(floatBitsToUint(channels[0] / kNormalUnit - 1.0), 0u);

@@ -109,7 +109,7 @@ gl::Defines EffectPlan::defines() const {
   for (auto& define : shadingDefines(shade)) d.push_back(std::move(define));
   if (mesh) d.emplace_back("MESH", "1");
   if (twoSided()) d.emplace_back("TWO_SIDED", "1");
-  if (seesEye()) d.emplace_back("EYE_FILES", "\"eye.glsl\"");
+  if (keepsDepth()) d.emplace_back("EYE_FILES", "\"eye.glsl\"");
   if (relief) d.emplace_back("RELIEF", "1");
   if (geomorph) d.emplace_back("MORPH", "1");
   if (sampling == Sampling::kNearest) d.emplace_back("NEAREST", "1");

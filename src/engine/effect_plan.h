@@ -118,11 +118,9 @@ struct EffectPlan {
   bool madeOfRelief() const { return shading != ReliefShading::Kind::kNone && !mesh; }  // the one texture plane
   // The shading needs a copy of the surface's depth: each pixel's place.
   bool keepsDepth() const { return near_lights > 0 || gloss || drawsNormals() || placesAlone(); }
-  // The light falls on either side of a scan's surface, whichever is seen. (Not where it is fixed and resolved once a
-  // page: there the front's colour shows from behind, too.)
+  // The light falls on either side of a scan's surface, whichever is seen by its triangles' orientation. (Not where it
+  // is fixed and resolved once a page: there the front's colour shows from behind, too.)
   bool twoSided() const { return mesh && shade == Basis::kAlbedoNormal; }
-  // The shading asks where a pixel's surface is seen from.
-  bool seesEye() const { return keepsDepth() || twoSided(); }
   bool drawsNormals() const { return mesh && shading == ReliefShading::Kind::kCurvature; }  // before it shades
   bool placesAlone() const { return mesh && shading == ReliefShading::Kind::kDepth; }       // no page of a texture
   bool lit() const { return relight || resolve; }  // does the light change the picture?

@@ -60,7 +60,7 @@ void SurfaceShading::setEffects(const Frame& frame, const gl::Program& program) 
   const EffectPlan& plan = frame.plan;
   setNamedUniforms(program, effectUniforms(scene.effects));
   const bool shaded = plan.shading != ReliefShading::Kind::kNone;
-  if (plan.lights > 0 || shaded || plan.seesEye()) {
+  if (plan.lights > 0 || shaded || plan.gloss) {
     const glm::dvec3& eye_mm = frame.view.eye_mm;
     const glm::dmat4 eye_from_pixel =
         glm::inverse(glm::translate(frame.seen.clip_from_world, eye_mm)) * clipFromPixel(depth_);
@@ -71,7 +71,7 @@ void SurfaceShading::setEffects(const Frame& frame, const gl::Program& program) 
       setNamedUniforms(program,
                        lightUniforms(frame.lights.placed(scene, plan, frame.view), plan.format(manifest_), eye_mm));
     if (plan.gloss) setNamedUniforms(program, glossUniforms(scene.gloss));
-    if (plan.seesEye()) setNamedUniforms(program, eyeUniforms(frame.view, eye_from_pixel));
+    if (plan.keepsDepth()) setNamedUniforms(program, eyeUniforms(frame.view, eye_from_pixel));
     if (kept_depth_) kept_depth_->bind(program, kKeptDepthUnit);
     if (normals_) normals_->bind(program, kNormalsUnit);
   }

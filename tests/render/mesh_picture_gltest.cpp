@@ -23,7 +23,7 @@ class MeshPicture : public ::testing::TestWithParam<bool> {  // BaseMesh::cut
   void SetUp() override {
     BaseMesh mesh = test::cubeSphere(2, kRadius);
     test::Random turns(kSeed);
-    test::turnPatches(mesh, turns);
+    test::turnPatches(mesh, turns, false);
     mesh.cut = GetParam();
     base_ = std::make_shared<const BaseMesh>(std::move(mesh));
     artwork_ = ballArtwork(base_, 1, kSeed);

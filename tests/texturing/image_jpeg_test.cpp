@@ -59,7 +59,7 @@ TEST(ImageJpeg, IsReadRowByRow) {
 TEST(ImageJpeg, WhatDescribesItIsLeftOut) {
   std::vector<uint8_t> file = encoded({.comment = true});
   const auto bare = encoded({});
-  EXPECT_EQ(file.size(), bare.size() + 2 * (4 + 14));
+  EXPECT_EQ(file.size(), bare.size() + 2 * (4 + 15));
   EXPECT_EQ(plainJpeg(file), bare);
   // And what follows it, such as the further pictures of a phone.
   const auto second = file;

@@ -38,7 +38,7 @@ inline std::vector<uint8_t> jpegFile(int width, int height, std::vector<uint8_t>
   const jpeg_scan_info one_each[3] = {{1, {0}, 0, 63, 0, 0}, {1, {1}, 0, 63, 0, 0}, {1, {2}, 0, 63, 0, 0}};
   if (kind.scans) info.scan_info = one_each, info.num_scans = 3;
   jpeg_start_compress(&info, TRUE);
-  const std::string said = "made by nobody";
+  const std::string said = "made by nobody" + std::string(1, '\0');  // readers take it for text
   if (kind.comment)
     for (const int marker : {JPEG_COM, JPEG_APP0 + 1})
       jpeg_write_marker(&info, marker, reinterpret_cast<const JOCTET*>(said.data()),

@@ -4,7 +4,6 @@
 #include <bit>
 #include <cmath>
 #include <random>
-#include <span>
 
 #include "src/base/parallel_for.h"
 #include "src/engine/lod_views.h"
@@ -15,15 +14,6 @@ namespace {
 constexpr double kSolvedPx = 1.0 / 64, kExactPx = 1e-4;
 constexpr double kTriangleReach = 1e-3;  // pixels: within a triangle of the surface, nearly always
 constexpr int kSteps = 12;
-
-// Seen from behind, a scan's normal is that of its other side.
-void turnToViewer(const glm::dvec3& to_viewer, std::span<double> channels) {
-  const auto normal = channels.subspan<3, 3>();
-  double facing = 0;
-  for (size_t c = 0; c < 3; ++c) facing += (normal[c] / shader::kNormalUnit - 1) * to_viewer[static_cast<int>(c)];
-  if (facing < 0)
-    for (double& n : normal) n = 2 * shader::kNormalUnit - n;
-}
 
 }  // namespace
 
@@ -162,7 +152,7 @@ void AccuracyTruth::chooseAndShade(const std::vector<Place>& places, const ViewT
       const Place& place = places[out.pixels[i]];
       texture_->filter(place.footprint, channels);
       if (place.from_behind && texture_->format().basis == Basis::kAlbedoNormal)
-        turnToViewer(view.orthographic ? view.world_from_camera[2] : view.eye_mm - place.point_mm, channels);
+        for (size_t c = 3; c < 6; ++c) channels[c] = 2 * shader::kNormalUnit - channels[c];
       const auto rgb = evaluatePixel(texture_->format(), channels.data(), {light.x, light.y, light.z});
       out.colours[i] = glm::vec3(rgb[0], rgb[1], rgb[2]);
     }
