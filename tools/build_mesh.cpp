@@ -191,8 +191,8 @@ class MeshBuild {
   bool suitsOwnTriangles() const { return textured_.format.basis == Basis::kAlbedoNormal; }  // its texture does
   // Own triangles may show its images instead of having their texels.
   bool showsImages() const { return a_.texture_tolerance >= 0 && a_.package.colour.codec == PageCodec::kLossless; }
-  bool repeatsImages() const;               // so much that they should
-  std::vector<double> imageTexels() const;  // of each image that is none of few colours
+  std::vector<double> imageTexels() const;                   // of each image; of a palette 0
+  bool repeatsImages(std::span<const double> texels) const;  // so much that they should
   uint32_t mostFacesFirst() { return relievo::mostFacesFirst(creased(), toleranceOverDefault(), suitsOwnTriangles()); }
   Result<bool> useSimplified(std::span<const RefineRequest> requests);
   // What is left after all of these (moreOf()).
@@ -541,8 +541,7 @@ std::vector<double> MeshBuild::imageTexels() const {
   return texels;
 }
 
-bool MeshBuild::repeatsImages() const {
-  const std::vector<double> texels = imageTexels();
+bool MeshBuild::repeatsImages(std::span<const double> texels) const {
   return showsImages() && repeatsMuch(timesShown(loaded_.mesh, texels.size()), texels);
 }
 
@@ -553,8 +552,8 @@ Result<bool> MeshBuild::useFewFacesAtOnce() {
   // Before anything is asked of all triangles.
   const size_t triangles = loaded_.mesh.triangles.size();
   if (triangles > 2 * size_t{textured_.images.empty() ? kMostPatches : kManyFaces}) return false;
-  const bool repeats = repeatsImages(), suits = suitsOwnTriangles();
   const std::vector<double> texels = imageTexels();
+  const bool repeats = repeatsImages(texels), suits = suitsOwnTriangles();
   const double all = std::accumulate(texels.begin(), texels.end(), 0.0);
   const bool shown = showsImages() && all <= static_cast<double>(kMostShownTexels);
   const uint32_t most =

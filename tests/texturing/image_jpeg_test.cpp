@@ -1,5 +1,6 @@
-// Whole images as the JPEGs that they came as: what is kept of a file, what is read of it, and what is refused. The
-// oracle of texels is the image reader's (OpenImageIO), in tests/tools; here an encoder of our own makes the files.
+// Whole images as the JPEGs that they came as: what is kept of a file, what is read of it, and what is refused.
+// Files are made by libjpeg itself; that texels are those of the image reader a build asks of each
+// (scan_inputs_cli_test).
 #include "texturing/codec/image_jpeg.h"
 
 #include <gtest/gtest.h>

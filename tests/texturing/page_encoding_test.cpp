@@ -11,6 +11,7 @@
 
 #include <jpeglib.h>
 
+#include "tests/texturing/jpeg_file.h"
 #include "texturing/codec/page_block_codec.h"
 #include "texturing/codec/page_codec.h"
 #include "texturing/codec/page_jpeg_codec.h"
@@ -238,32 +239,14 @@ TEST(Jpeg, isNotUsedWhereItDoesNotFit) {
 // What follows from what a page may hold: other sizes, kinds and codings are refused.
 TEST(Jpeg, othersAreRefused) {
   auto make = [](int side, int components, bool progressive, bool subsampled, int extra) {
-    jpeg_compress_struct info;
-    jpeg_error_mgr errors;
-    info.err = jpeg_std_error(&errors);
-    jpeg_create_compress(&info);
-    unsigned char* out = nullptr;
-    unsigned long size = 0;
-    jpeg_mem_dest(&info, &out, &size);
-    info.image_width = info.image_height = static_cast<unsigned>(side);
-    info.input_components = components;
-    info.in_color_space = components == 3 ? JCS_RGB : JCS_GRAYSCALE;
-    jpeg_set_defaults(&info);
-    if (!subsampled) info.comp_info[0].h_samp_factor = info.comp_info[0].v_samp_factor = 1;
-    if (progressive) jpeg_simple_progression(&info);
-    jpeg_start_compress(&info, TRUE);
-    std::vector<uint8_t> row(static_cast<size_t>(side * components), 99);
-    for (int y = 0; y < side; ++y) {
-      row[static_cast<size_t>(y)] = static_cast<uint8_t>(y);
-      JSAMPROW rows = row.data();
-      jpeg_write_scanlines(&info, &rows, 1);
-    }
-    jpeg_finish_compress(&info);
+    std::vector<uint8_t> pixels(static_cast<size_t>(side) * static_cast<size_t>(side * components), 99);
+    for (size_t y = 0; y < static_cast<size_t>(side); ++y)
+      pixels[y * static_cast<size_t>(side * components) + y] = static_cast<uint8_t>(y);
+    const auto jpeg = testing_support::jpegFile(
+        side, side, pixels, {.components = components, .samples = subsampled ? 2 : 1, .progressive = progressive});
     std::vector<uint8_t> page{4};
-    page.insert(page.end(), out, out + size);
+    page.insert(page.end(), jpeg.begin(), jpeg.end());
     page.resize(page.size() + static_cast<size_t>(extra));
-    std::free(out);
-    jpeg_destroy_compress(&info);
     return page;
   };
   PageDecoder decoder;

@@ -208,7 +208,7 @@ struct Package::Impl {
   bool showsImages(uint32_t patch) const {
     return patch < images.of_patch.size() && images.of_patch[patch].depth != kNoTexturePage;
   }
-  // Reads the image a row of tiles at a time: into rgb, all of it, or where that is empty to see whether it is sound.
+  // Reads the image, tile by tile: into rgb, all of it, or where that is empty to see whether it is sound.
   // Until *stop is set or a tile is damaged.
   Result<void> readImage(size_t number, PageDecoder& decoder, const std::atomic<bool>* stop,
                          std::span<uint8_t> rgb) const {

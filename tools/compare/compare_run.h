@@ -89,7 +89,7 @@ struct CompareFigures {
   std::string renderer, version;
   int picture_frame = 0;
   size_t frame_count = 0;
-  uint64_t relief_pages = 0, relief_bytes = 0;
+  uint64_t relief_pages = 0, relief_bytes = 0;  // in memory: of pages that are alike one
   bool reference_whole = true;  // false: silhouettes are those of a uniform grid that is coarser than full resolution
   uint64_t reference_triangles = 0;  // at most, a frame
   ErrorFigures floor;  // the reference measured like a strategy: what measuring itself is off by (worst frame)
