@@ -22,6 +22,7 @@ namespace relievo::fuzz {
 namespace {
 
 constexpr int kBlocks = 32, kPages = 5;  // looked at, of each tree
+constexpr uint64_t kFewPages = 24;       // that verifyPackage() is shown
 
 struct Region {
   uint64_t offset = 0, bytes = 0;
@@ -132,8 +133,11 @@ void readAll(const Package& package) {
   PageDecoder decoder;
   std::vector<uint8_t> texels(kSlotBytes);
   const PackageLayout layout = packageLayout(m.domain, m.texture, 0, 0);
+  // Walks every page that the header claims: of what the file can hold.
+  const bool verified = m.page_count <= kFewPages;
+  if (verified) (void)verifyPackage(package, 1, nullptr);
   auto tree = [&](const IndexLayout& index, bool relief) {
-    int blocks = kBlocks, pages = kPages;
+    int blocks = kBlocks, pages = verified ? 1 : kPages;
     index.forEachBlock([&](const IndexLayout::Block& block) {
       for (uint32_t k = 0; k < block.columns * block.rows && pages > 0; ++k) {
         NodeId node = block.first;
@@ -163,8 +167,6 @@ void readAll(const Package& package) {
     require(tails.patches == m.domain.patchCount(), "tails of another number of patches");
     (void)package.tailProblems();
   }
-  // Walks every page that the header claims: of what the file can hold.
-  if (m.page_count <= 24) (void)verifyPackage(package, 1, nullptr);
 }
 
 }  // namespace
