@@ -57,6 +57,7 @@ class BakedPatches final : public PatchSource {
     const auto on = bake_.imagesOn(patch);
     if (!on) return out;
     out.depth = static_cast<int8_t>(on->depth);
+    out.in_tail = on->depth == kNoTexturePage;
     for (size_t half = 0; half < 2; ++half) {
       out.image[half] = number_of_image_[on->image[half]];
       const SourceImage& image = images_[out.image[half]];

@@ -4,6 +4,7 @@
 #pragma once
 
 #include <cstdint>
+#include <optional>
 #include <span>
 #include <vector>
 
@@ -20,8 +21,9 @@ struct PatchResolution {
                              // cells that a crease or a border of plain colours crosses; at least the texels: at each
                              // texel
   bool plain = false;        // its colours are those of whole triangles, not of an image
-  // Where it shows images itself (ImagesOnPatch), and needs no texels: its finest level. Else kNoTexturePage.
-  int shown_depth = kNoTexturePage;
+  // Where it shows images itself (ImagesOnPatch), and needs no texels: its finest level, kNoTexturePage where its tail
+  // shows all of them. Else none.
+  std::optional<int> shown_depth;
 };
 struct BakeTexture {
   struct Image {

@@ -219,10 +219,10 @@ std::vector<bool> MeshBake::shownImages() const {
   return shown;
 }
 std::optional<ImagesOnPatch> MeshBake::imagesOn(uint32_t patch) const {
-  const int depth = impl_->texture.of_patch[patch].shown_depth;
-  if (depth == kNoTexturePage) return std::nullopt;
+  const std::optional<int> depth = impl_->texture.of_patch[patch].shown_depth;
+  if (!depth) return std::nullopt;
   ImagesOnPatch on = imagesOnPatch(impl_->context, patch);
-  on.depth = depth;
+  on.depth = *depth;
   return on;
 }
 int MeshBake::reliefDepth() const { return impl_->baked.reliefDepth(); }

@@ -94,7 +94,7 @@ struct CornerNormals;
 
 // What a patch that is cut shows of images: on the half to the right of its diagonal, and on that to its left.
 struct ImagesOnPatch {
-  int depth = 0;  // its finest texture level
+  int depth = 0;  // its finest texture level; kNoTexturePage: its tail shows all
   std::array<uint16_t, 2> image{};
   // At a half's corners (0,0), (1,0) or (0,1), and (1,1): texture coordinates, (0, 0) is the image's lower left corner;
   // and the triangle's normals, of length 1.

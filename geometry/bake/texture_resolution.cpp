@@ -138,7 +138,10 @@ void chooseShownImages(const BakeContext& context, std::vector<ShowingPatch> sho
   const std::vector<double> times = timesShown(*context.mesh, texture.images.size());
   std::vector<double> texels(texture.images.size());
   for (const ShowingPatch& s : showing)
-    for (const uint16_t image : s.image) texels[image] += 0.5 * std::ldexp(1.0, 2 * (kPageCellsLog2 + s.depth));
+    for (const uint16_t image : s.image) {
+      const auto side = static_cast<double>(texelsASide(s.depth));
+      texels[image] += 0.5 * side * side;
+    }
   std::vector<size_t> order;
   // Colours of whole triangles are shown as well where they share a patch with an image.
   auto isPalette = [&](size_t i) { return texture.images[i].palette; };
@@ -280,18 +283,17 @@ bool chooseTextureResolution(const BakeContext& context, const TextureResolution
       r.plain = has_palette && !across.shown;
       const bool small = tails && grid_log2 <= kTailCellsLog2;
       if (requested_depth < 0 && across.shown) r.depth = depthFor(across, small, kMostDepth);
-      if (tails && options.show_images && across.shown && r.depth != kNoTexturePage)
-        r.shown_depth = depthFor(across, small, kMostShownDepth);
+      if (tails && options.show_images && across.shown) r.shown_depth = depthFor(across, small, kMostShownDepth);
       if (!across.shown) makeTail(static_cast<uint32_t>(p));
       r.sample_grid_log2 = std::max(grid_log2, log2Above(across.densest));
     });
     if (!whole) return false;
     std::vector<ShowingPatch> showing;
     for (uint32_t p = 0; p < texture.of_patch.size(); ++p) {
-      const int shown_depth = std::exchange(texture.of_patch[p].shown_depth, int{kNoTexturePage});
-      if (shown_depth == kNoTexturePage) continue;
+      const std::optional<int> shown_depth = std::exchange(texture.of_patch[p].shown_depth, std::nullopt);
+      if (!shown_depth) continue;
       if (const auto images = imagesToShow(context, texture, p))
-        showing.push_back({p, static_cast<int8_t>(shown_depth), *images});
+        showing.push_back({p, static_cast<int8_t>(*shown_depth), *images});
     }
     chooseShownImages(context, std::move(showing), texture);
     if (requested_depth < 0) texture.depth = deepestOf(texture.of_patch, kMostImageTexels);
@@ -305,7 +307,7 @@ bool chooseTextureResolution(const BakeContext& context, const TextureResolution
   for (PatchResolution& r : texture.of_patch) {
     r.depth = std::min(r.depth, texture.depth);
     r.sample_grid_log2 = std::min(r.sample_grid_log2, std::countr_zero(texelsASide(r.depth)));
-    shown_depth = std::max(shown_depth, r.shown_depth);
+    shown_depth = std::max(shown_depth, r.shown_depth.value_or(0));
   }
   texture.depth = std::max(texture.depth, shown_depth);
   return true;

@@ -49,20 +49,20 @@ class PartlyPlainPatches final : public testing_support::NoisyPatches {
   }
 };
 
-// One patch that shows an image, at two levels.
+// One patch that shows an image, at two levels, and one whose tail alone does.
 class ShowingPatches final : public testing_support::NoisyPatches {
  public:
   using NoisyPatches::NoisyPatches;
   uint16_t height(uint32_t /*patch*/, int /*x*/, int /*y*/) const override { return 27'306; }
   int textureDepth() const override { return 1; }
-  int textureDepthOf(uint32_t patch) const override { return patch == 0 ? kNoTexturePage : 0; }
+  int textureDepthOf(uint32_t /*patch*/) const override { return kNoTexturePage; }
   std::vector<SourceImage> images() const override {
     return {{.width = 20, .height = 10, .repeats = true, .rgb = texels_}};
   }
   PatchImage imageOf(uint32_t patch) const override {
     PatchImage out;
-    if (patch > 0) return out;
-    out.depth = 1;
+    if (patch == 0) out.depth = 1;
+    else out.in_tail = true;
     for (auto& half : out.at) half = {glm::ivec2(0), glm::ivec2(9000, 300), glm::ivec2(9000, -7000)};
     for (auto& half : out.normal) half.fill(glm::u8vec3(128, 128, 255));
     return out;

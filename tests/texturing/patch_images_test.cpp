@@ -248,8 +248,10 @@ PatchImages someImages(const BaseMesh& base) {
                                       : somewhere(p, static_cast<int8_t>(p % 9), {first, second}, 1 << (p % 22)));
   }
   all.of_patch[1].at[0][0] = {kMostShownPlace, -kMostShownPlace};
+  for (const size_t p : {size_t{2}, size_t{7}}) all.of_patch[p].depth = kNoTexturePage, all.of_patch[p].in_tail = true;
   return all;
 }
+constexpr KindsOfImages kAllKinds{.jpegs = true, .in_tails = true};
 constexpr uint64_t kTileBytes = 100 + 7 + 40'001;
 
 bool same(const PatchImages& a, const PatchImages& b) {
@@ -264,8 +266,8 @@ bool same(const PatchImages& a, const PatchImages& b) {
   }
   for (size_t p = 0; p < a.of_patch.size(); ++p) {
     const PatchImage &x = a.of_patch[p], &y = b.of_patch[p];
-    if (x.depth != y.depth) return false;
-    if (x.depth != kNoTexturePage && (x.image != y.image || x.at != y.at || x.normal != y.normal)) return false;
+    if (x.depth != y.depth || x.in_tail != y.in_tail) return false;
+    if (x.shows() && (x.image != y.image || x.at != y.at || x.normal != y.normal)) return false;
   }
   return true;
 }
@@ -274,7 +276,7 @@ TEST(PatchImages, TheDirectoryIsWithoutLoss) {
   const BaseMesh base = cubeSphere(3, 10, kSeed);
   const PatchImages all = someImages(base);
   const auto bytes = encodePatchImages(all, base.patches);
-  const auto decoded = decodePatchImages(bytes, base.patches, kTileBytes, true);
+  const auto decoded = decodePatchImages(bytes, base.patches, kTileBytes, kAllKinds);
   ASSERT_TRUE(decoded.ok()) << decoded.error().text();
   EXPECT_TRUE(same(all, *decoded));
 }
@@ -282,15 +284,16 @@ TEST(PatchImages, TheDirectoryIsWithoutLoss) {
 TEST(PatchImages, ADirectoryOfAnythingIsOneOrAnError) {
   const BaseMesh base = cubeSphere(2, 10, kSeed);
   const PatchImages all = someImages(base);
-  const auto refused = [&](const PatchImages& images, uint64_t tile_bytes, const char* why, bool jpegs = true) {
-    const auto decoded = decodePatchImages(encodePatchImages(images, base.patches), base.patches, tile_bytes, jpegs);
+  const auto refused = [&](const PatchImages& images, uint64_t tile_bytes, const char* why, KindsOfImages kinds = kAllKinds) {
+    const auto decoded = decodePatchImages(encodePatchImages(images, base.patches), base.patches, tile_bytes, kinds);
     EXPECT_FALSE(decoded.ok()) << why;
     if (!decoded) {
       EXPECT_EQ(decoded.error().kind, ErrorKind::kInvalidData);
     }
   };
   refused(all, kTileBytes - 1, "tiles of more bytes than there are");
-  refused(all, kTileBytes, "a JPEG before version 15", false);
+  refused(all, kTileBytes, "a JPEG before version 15", {.in_tails = true});
+  refused(all, kTileBytes, "images in tails alone before version 16", {.jpegs = true});
   PatchImages wrong = all;
   wrong.images[0].width = kMostShownSide + 1;
   refused(wrong, kTileBytes, "too wide");
@@ -326,34 +329,48 @@ TEST(PatchImages, ADirectoryOfAnythingIsOneOrAnError) {
     image = named;
     std::vector<uint8_t> frame(ZSTD_compressBound(raw.size()));
     frame.resize(ZSTD_compress(frame.data(), frame.size(), raw.data(), raw.size(), 1));
-    EXPECT_EQ(decodePatchImages(frame, base.patches, kTileBytes, true).ok(), named < 2);
+    EXPECT_EQ(decodePatchImages(frame, base.patches, kTileBytes, kAllKinds).ok(), named < 2);
   }
   int sound = 0;
   for (uint64_t i = 0; i < 4000; ++i) {
     std::vector<uint8_t> damaged = bytes;
     damaged[mixBits(3 * i) % bytes.size()] = static_cast<uint8_t>(mixBits(3 * i + 1));
     if (i % 3 == 0) damaged.resize(mixBits(3 * i + 2) % bytes.size());
-    sound += decodePatchImages(damaged, base.patches, kTileBytes, true).ok();
+    sound += decodePatchImages(damaged, base.patches, kTileBytes, kAllKinds).ok();
   }
   EXPECT_LT(sound, 4000);
 }
 
 // ---- packages ----
-// A third of the patches shows images, at levels 0 to 2; the others have noise at level 0.
+// A third of the patches shows images, at levels 0 to 2, and where so told another third in tails alone; the others have
+// noise at level 0.
 class ShowingPatches final : public NoisyPatches {
  public:
-  explicit ShowingPatches(Picture second = pictureOf(64, 130, false, 6))
+  explicit ShowingPatches(Picture second = pictureOf(64, 130, false, 6), bool in_tails = false)
       : NoisyPatches(cut(cubeSphere(2, 100, kSeed)), 0, 0, kSeed),
-        pictures_{pictureOf(300, 200, true, 5), std::move(second)} {}
+        pictures_{pictureOf(300, 200, true, 5), std::move(second)},
+        in_tails_(in_tails) {}
   int textureDepth() const override { return 2; }
-  int textureDepthOf(uint32_t patch) const override { return patch % 3 == 0 ? kNoTexturePage : 0; }
+  int textureDepthOf(uint32_t patch) const override {
+    return patch % 3 == 0 || (in_tails_ && patch % 3 == 1) ? kNoTexturePage : 0;
+  }
   std::vector<SourceImage> images() const override { return {pictures_[0].source(), pictures_[1].source()}; }
   PatchImage imageOf(uint32_t patch) const override {
+    if (in_tails_ && patch % 3 == 1) {
+      PatchImage out = somewhere(patch, kNoTexturePage, {1, 1}, 16);
+      out.in_tail = true;
+      return out;
+    }
     if (patch % 3 != 0) return {};
     const uint16_t second = patch % 2;
     return somewhere(patch, static_cast<int8_t>(patch / 3 % 3), {0, second}, 100 << (patch / 3 % 3));
   }
   uint16_t height(uint32_t, int, int) const override { return 27'306; }
+  Result<void> texels(uint32_t patch, std::span<uint8_t> out) const override {
+    if (textureDepthOf(patch) == 0) return NoisyPatches::texels(patch, out);
+    for (size_t i = 0; i < out.size(); ++i) out[i] = static_cast<uint8_t>(mixBits(patch + 99 * i));
+    return {};
+  }
 
  private:
   static BaseMesh cut(BaseMesh base) {
@@ -361,6 +378,7 @@ class ShowingPatches final : public NoisyPatches {
     return base;
   }
   std::vector<Picture> pictures_;
+  bool in_tails_;
 };
 
 BuildOptions optionsOf(const std::string& path) {
@@ -389,7 +407,7 @@ TEST(PatchImages, PagesOfAPackageAreWhatItsImagesShow) {
   ASSERT_TRUE(opened.ok()) << opened.error().text();
   const Package& package = **opened;
   EXPECT_TRUE(package.warnings().empty());
-  EXPECT_EQ(packageVersion(package.header()), 14u);
+  EXPECT_EQ(packageVersion(package.header()), 16u);
   const auto shown = package.shownImages();
   EXPECT_EQ(shown.images, 2u);
   EXPECT_EQ(shown.patches, 8u);
@@ -424,20 +442,119 @@ TEST(PatchImages, PagesOfAPackageAreWhatItsImagesShow) {
   }
   EXPECT_EQ(pages, 3 * 1 + 3 * 5 + 2 * 21);
   EXPECT_LE(furthest, static_cast<int>(kTextureTolerance) + 1) << "images are kept within the tolerance";
-  // Tails are those of root pages.
+  // Tails have the light of root pages, in the mean: theirs is a coarser level of the image.
   const PatchTails tails = package.tails(1, nullptr);
-  double sum = 0;
+  double furthest_tail = 0, control = 0, before = 0;
   for (uint32_t p = 0; p < domain.patchCount(); p += 3) {
     const auto root = channelsOf(*package.read(PageId(texturePlane(0), {p, 0, 0, 0})));
-    for (int y = 0; y < 16; ++y)
-      for (int x = 0; x < 16; ++x) {
-        double light = 0;
-        for (int k = 0; k < 64; ++k)
-          light += linearFromSrgb(root[static_cast<size_t>((4 + 8 * y + k / 8) * 136 + 4 + 8 * x + k % 8)] / 255.0);
-        sum += std::abs(tails.level(p, 0, 0)[16 * y + x] - 255 * srgbFromLinear(light / 64));
-      }
+    double of_root = 0, of_tail = 0;
+    for (size_t y = 4; y < 132; ++y)
+      for (size_t x = 4; x < 132; ++x) of_root += linearFromSrgb(root[y * 136 + x] / 255.0) / (128 * 128);
+    for (int i = 0; i < 256; ++i) of_tail += linearFromSrgb(tails.level(p, 0, 0)[i] / 255.0) / 256;
+    const double light = 255 * srgbFromLinear(of_root), tail_light = 255 * srgbFromLinear(of_tail);
+    furthest_tail = std::max(furthest_tail, std::abs(tail_light - light));
+    control = std::max(control, p > 0 ? std::abs(before - light) : 0);
+    before = tail_light;
   }
-  EXPECT_LT(sum / (8 * 256), 2.5) << "texels of tails are rounded";
+  EXPECT_LT(furthest_tail, 5);
+  EXPECT_GT(control, 15) << "another patch's";
+}
+
+// Their tails take no bytes: they follow from the images, as those of patches that have nothing but a tail.
+TEST(PatchImages, TailsAreMadeOfThem) {
+  ScratchFolder folder;
+  const ShowingPatches source(pictureOf(64, 130, false, 6), true);
+  BuildOptions options = optionsOf(folder.file("a.relievo"));
+  options.texture_tolerance = 0;  // images are stored as they are
+  ASSERT_TRUE(buildPatchPackage(source, options).ok());
+  auto package = *Package::open(options.output);
+  EXPECT_EQ(packageVersion(package->header()), 16u);
+  EXPECT_EQ(package->shownImages().patches, 16u);
+  const auto report = verifyPackage(*package, 2, nullptr);
+  ASSERT_TRUE(report.ok());
+  EXPECT_TRUE(report->damaged.empty() && report->other.empty());
+  options.output = folder.file("b.relievo");
+  options.image_tails = false;
+  ASSERT_TRUE(buildPatchPackage(source, options).ok());
+  auto before = *Package::open(options.output);
+  EXPECT_EQ(packageVersion(before->header()), 14u);
+  EXPECT_EQ(before->shownImages().patches, 8u);
+  const PatchTails tails = package->tails(2, nullptr);
+  PatchTails stored = before->tails(2, nullptr);
+  const std::vector<SourceImage> images = source.images();
+  const ShownImage first(images[0]), second(images[1]);
+  const MipFilter mip(source.format());
+  std::vector<uint8_t> expected(6 * kTailPatchTexels);
+  double furthest = 0;
+  for (uint32_t p = 0; p < 24; ++p) {
+    const PatchImage patch = source.imageOf(p);
+    const auto found = std::span(tails.texels).subspan(p * tails.patchTexels(), tails.patchTexels());
+    if (!patch.shows()) {
+      EXPECT_TRUE(std::ranges::equal(found, stored.texelsOf(p))) << p << ": others are stored";
+      continue;
+    }
+    showTail(patch, {patch.image[0] ? &second : &first, patch.image[1] ? &second : &first}, mip, expected);
+    EXPECT_TRUE(std::ranges::equal(found, expected)) << p;
+    EXPECT_EQ(package->manifest().domain.textureDepthOf(p), patch.depth);
+    if (!patch.in_tail) continue;
+    EXPECT_FALSE(package->read(PageId(texturePlane(0), {p, 0, 0, 0})).ok()) << p << ": it has no page";
+    EXPECT_FALSE(std::ranges::equal(found, stored.texelsOf(p))) << "control: its own texels, which are not asked for";
+    // The colours are the image's, whatever makes them: at a texel's middle, at level 0.
+    ASSERT_EQ(std::max(shownLevel(patch, 0, 4), shownLevel(patch, 1, 4)), 0);
+    for (int i = 0; i < 256; ++i) {
+      const double u = (i % 16 + 0.5) / 16, v = (i / 16 + 0.5) / 16;
+      const size_t half = v > u;
+      const double along = half ? v : u, across = half ? u : v;
+      const glm::dvec2 at = (glm::dvec2(patch.at[half][0]) * (1 - along) +
+                             glm::dvec2(patch.at[half][1]) * (along - across) + glm::dvec2(patch.at[half][2]) * across) /
+                            256.0;
+      const SourceImage& image = images[patch.image[half]];
+      const TrueLevel level{image.width, image.height, {image.rgb.begin(), image.rgb.end()}};
+      for (int c = 0; c < 3; ++c)
+        furthest = std::max(furthest, std::abs(tails.level(p, 0, c)[i] - bilinear(level, false, at.x, at.y, c)));
+    }
+  }
+  EXPECT_LE(furthest, 3) << "places and weights are 256ths";
+  // 16 tails of 2,040 texels.
+  const auto tailBytes = [](const Package& of) { return of.tailBytes()->all; };
+  EXPECT_LT(tailBytes(*package) + 8'000, tailBytes(*before));
+}
+
+// What cannot be had of an image is grey, and is named; all else is there.
+TEST(PatchImages, TailsOfDamagedImagesAreNeutral) {
+  ScratchFolder folder;
+  const ShowingPatches source(pictureOf(64, 130, false, 6), true);
+  const std::string path = folder.file("a.relievo");
+  ASSERT_TRUE(buildPatchPackage(source, optionsOf(path)).ok());
+  const PackageHeader h = (*Package::open(path))->header();
+  PatchTails sound = (*Package::open(path))->tails(1, nullptr);
+  std::vector<uint8_t> neutral(6 * kTailPatchTexels);
+  neutralTail(h.texture, neutral);
+  for (const bool directory : {false, true}) {
+    std::vector<uint8_t> bytes = readAll(path);
+    // The first tile of the first image, or the directory.
+    bytes[directory ? h.images_offset + 30 : h.tilesOffset() + 20] ^= 0x55;
+    writeAll(folder.file("b.relievo"), bytes);
+    const auto damaged = *Package::open(folder.file("b.relievo"));
+    std::vector<std::string> problems;
+    PatchTails found = damaged->tails(2, &problems);
+    uint64_t lost = 0;
+    for (uint32_t p = 0; p < 24; ++p) {
+      const PatchImage patch = source.imageOf(p);
+      const bool is_lost = patch.shows() && (directory || patch.image[0] == 0 || patch.image[1] == 0);
+      const auto texels = found.texelsOf(p);
+      EXPECT_TRUE(std::ranges::equal(texels, is_lost ? std::span<uint8_t>(neutral) : sound.texelsOf(p))) << p;
+      lost += is_lost;
+    }
+    EXPECT_EQ(lost, directory ? 16u : 8u);
+    EXPECT_EQ(found.failures.pages, directory ? 0 : lost) << "nobody knows which ones a lost directory named";
+    EXPECT_EQ(problems.size(), directory ? 0u : 1u);
+    EXPECT_EQ(damaged->warnings().size(), directory ? 1u : 0u);
+    const std::string said = directory ? damaged->warnings()[0] : problems[0];
+    EXPECT_NE(said.find(directory ? "patches that show them are grey" : "tile 0 of image 0: its checksum does not match"),
+              std::string::npos)
+        << said;
+  }
 }
 
 // A page's size, as the encoder of pages makes it.
@@ -461,9 +578,10 @@ TEST(PatchImages, AnImageThatCameAsAJpegStaysOne) {
   ScratchFolder folder;
   for (const bool fill : {false, true}) {
     const ShowingPatches source(jpegPicture(fill));
-    const std::string path = folder.file("a.relievo");
-    ASSERT_TRUE(buildPatchPackage(source, optionsOf(path)).ok());
-    auto opened = Package::open(path);
+    BuildOptions options = optionsOf(folder.file("a.relievo"));
+    options.image_tails = false;
+    ASSERT_TRUE(buildPatchPackage(source, options).ok());
+    auto opened = Package::open(options.output);
     ASSERT_TRUE(opened.ok()) << opened.error().text();
     const Package& package = **opened;
     EXPECT_EQ(packageVersion(package.header()), 15u);
@@ -495,7 +613,9 @@ TEST(PatchImages, AnImageThatCameAsAJpegStaysOne) {
   // Without it the same image takes tiles, and the package is of the version before.
   Picture plain = jpegPicture(false);
   plain.jpeg.clear();
-  ASSERT_TRUE(buildPatchPackage(ShowingPatches(plain), optionsOf(folder.file("b.relievo"))).ok());
+  BuildOptions options = optionsOf(folder.file("b.relievo"));
+  options.image_tails = false;
+  ASSERT_TRUE(buildPatchPackage(ShowingPatches(plain), options).ok());
   EXPECT_EQ(packageVersion((*Package::open(folder.file("b.relievo")))->header()), 14u);
   EXPECT_GT(std::filesystem::file_size(folder.file("b.relievo")),
             std::filesystem::file_size(folder.file("a.relievo")) + 10'000);
@@ -552,7 +672,7 @@ TEST(PatchImages, WhatIsDamagedIsFoundAndTheRestIsShown) {
   const auto directory = damage(h.images_offset + 30);
   ASSERT_EQ(directory->warnings().size(), 1u);
   EXPECT_NE(directory->warnings()[0].find("directory's checksum does not match"), std::string::npos);
-  EXPECT_EQ(directory->manifest().domain.textureDepthOf(0), kNoTexturePage) << "its tail is shown";
+  EXPECT_EQ(directory->manifest().domain.textureDepthOf(0), kNoTexturePage) << "its tail stands in";
   EXPECT_FALSE(directory->read(shown).ok());
   EXPECT_TRUE(directory->read(stored).ok());
   EXPECT_EQ(others(*directory).size(), 1u);
@@ -571,6 +691,7 @@ TEST(PatchImages, AreThoseOfVersionThirteen) {
   ScratchFolder folder;
   const ShowingPatches source;
   BuildOptions options = optionsOf(folder.file("a.relievo"));
+  options.image_tails = false;
   ASSERT_TRUE(buildPatchPackage(source, options).ok());
   const auto now = *Package::open(options.output);
   options.output = folder.file("b.relievo");

@@ -845,8 +845,8 @@ TEST_F(BaseOfPackage, hostileHeaderFieldsAreRefused) {
   EXPECT_NE(refusal(), "");
   setField(96, uint64_t{127});
   EXPECT_NE(refusal(), "");
-  // Version 1 knows no albedo and normal, version 3 no basis by its number, versions 4 to 15 say how they store things,
-  // and version 16 is yet to come.
+  // Version 1 knows no albedo and normal, version 3 no basis by its number, versions 4 to 16 say how they store things,
+  // and version 17 is yet to come.
   EXPECT_NE(withField(8, uint32_t{1}).find("expected basis 0, 1 or 2, found 3"), std::string::npos);
   EXPECT_NE(withField(8, uint32_t{3}).find("expected no number of a basis in version 3, found 3"), std::string::npos);
   EXPECT_NE(withField(8, uint32_t{4}).find("expected storage of kind 1 in version 4, found 0"), std::string::npos);
@@ -857,7 +857,7 @@ TEST_F(BaseOfPackage, hostileHeaderFieldsAreRefused) {
   EXPECT_NE(withField(8, uint32_t{10}).find("expected storage of kind 1 in version 10, found 0"), std::string::npos);
   EXPECT_NE(withField(8, uint32_t{11}).find("expected storage of kind 1 in version 11, found 0"), std::string::npos);
   EXPECT_NE(withField(8, uint32_t{12}).find("expected storage of kind 1 in version 12, found 0"), std::string::npos);
-  EXPECT_NE(withField(8, uint32_t{16}).find("version 1 to 15, found 16"), std::string::npos);
+  EXPECT_NE(withField(8, uint32_t{17}).find("version 1 to 16, found 17"), std::string::npos);
 }
 
 TEST_F(BaseOfPackage, hostileSectionsAreRefusedByName) {

@@ -54,6 +54,9 @@ struct BuildOptions {
   // Of packages with cut patches, normals and a base mesh coded by its border: colours of tails end at edges
   // (crease_gutter.h); else the package is one of version 12 or 13.
   bool tail_edges = true;
+  // Of packages with images that patches show: the tails of these are made of the images, and patches whose tail is all
+  // that they need may show images, too; else the package is one of version 13 to 15.
+  bool image_tails = true;
   // Of packages with coded tails and a texture_tolerance: texels of tails are rounded within it to what takes fewer
   // bytes.
   bool rounded_tails = true;

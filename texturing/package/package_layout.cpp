@@ -89,6 +89,7 @@ constexpr uint32_t kDescribedBasis = 0xFFFFFFFFu;  // instead of its number
 constexpr std::array<size_t, 3> kCompactFields{2048, 2052, 2056};
 constexpr size_t kBaseField = 2052;
 uint32_t baseKind(const PackageHeader& h) { return h.base_by_border ? 4 : h.light_patches ? 3 : h.coded_base ? 2 : 1; }
+uint32_t imagesKind(const PackageHeader& h) { return h.image_tails ? 3 : h.image_jpegs ? 2 : 1; }
 // Version 5: how texture levels that patches do not have are left out, 1. Version 4: 0; from version 6 on: either.
 constexpr size_t kTextureDepthsField = 2060;
 // From version 6 on: how tails are stored, 1, from version 10 on 2. Before: 0.
@@ -101,9 +102,9 @@ constexpr size_t kIndexField = 2072;
 // From version 11 on: how the base mesh is interpolated, 1: on halves; in version 12 also 0: not so. Before: 0.
 constexpr size_t kCutField = 2076;
 // From version 13 on: how images that patches show are stored, and where; in version 14 also 0: there are none;
-// in version 15 2: some are JPEGs.
+// in version 15 2: some are JPEGs; in version 16 3: tails are made of them.
 constexpr size_t kImagesField = 2080, kImagesPlaceFields = 2088;
-// From version 14 on: how colours of tails end, 1; in version 15 also 0: not so.
+// From version 14 on: how colours of tails end, 1; from version 15 on also 0: not so.
 constexpr size_t kTailEdgesField = 2084;
 constexpr size_t kBasisName = 320, kBasisNameBytes = 32, kBasisCounts = 352, kBasisEncodings = 368, kBasisScales = 432;
 static_assert(kBasisEncodings + 2 * kMaxTexturePlanes <= kBasisScales);
@@ -376,7 +377,7 @@ void encodeHeader(const PackageHeader& h, std::span<uint8_t> out) {
   if (h.cut_patches) f.put(kCutField, 1u);
   if (h.tail_edges) f.put(kTailEdgesField, 1u);
   if (h.showsImages()) {
-    f.put(kImagesField, h.image_jpegs ? 2u : 1u);
+    f.put(kImagesField, imagesKind(h));
     f.put(kImagesPlaceFields, h.images_offset);
     f.put(kImagesPlaceFields + 8, h.images_bytes);
     f.put(kImagesPlaceFields + 16, h.images_hash);
@@ -438,9 +439,9 @@ class HeaderDecoder {
                    "make one with `relievo build`", 0};
     }
     version_ = at<uint32_t>(8);
-    if (version_ < 1 || version_ > 15) {
+    if (version_ < 1 || version_ > 16) {
       return Error{ErrorKind::kUnsupported, path_,
-                   "expected package version 1 to 15, found " + std::to_string(version_),
+                   "expected package version 1 to 16, found " + std::to_string(version_),
                    "use a newer relievo, or rebuild the package", 8};
     }
     if (at<uint64_t>(kHeaderBytes - 8) != XXH3_64bits(p_, kHeaderBytes - 8))
@@ -493,6 +494,7 @@ class HeaderDecoder {
     h_.coded_texels = version_ >= 8;
     h_.base_by_border = version_ >= 12;
     h_.image_jpegs = version_ >= 15;
+    h_.image_tails = version_ >= 16;
     h_.tail_edges = version_ == 14 || (version_ >= 15 && at<uint32_t>(kTailEdgesField) != 0);
     h_.cut_patches = version_ == 11 || (version_ >= 12 && at<uint32_t>(kCutField) != 0);
     h_.light_patches = version_ >= 11 ? at<uint32_t>(kIndexField) != 0 : version_ >= 10;
@@ -521,7 +523,7 @@ class HeaderDecoder {
     if (const auto kind = at<uint32_t>(kCutField); h_.cut_patches && kind != 1)
       return unsupported(kCutField, "expected a base mesh interpolated by kind 1 in version " +
                                         std::to_string(version_) + ", found " + std::to_string(kind));
-    if (const uint32_t kind = at<uint32_t>(kImagesField), expected = h_.image_jpegs ? 2 : 1;
+    if (const uint32_t kind = at<uint32_t>(kImagesField), expected = imagesKind(h_);
         mayShowImages() && kind != expected)
       return unsupported(kImagesField, "expected images of kind " + std::to_string(expected) + " in version " +
                                            std::to_string(version_) + ", found " + std::to_string(kind));

@@ -78,6 +78,8 @@ struct PackageHeader {
   bool showsImages() const { return images_bytes > 0; }
   // Version 15, one of version 14 or 13 some of whose images are JPEGs.
   bool image_jpegs = false;
+  // Version 16, one of version 15 where tails of patches that show images are made of these.
+  bool image_tails = false;
   // Version 14, one of version 12 or 13 with cut patches whose tails' colours end at edges (isColourEdge()).
   bool tail_edges = false;
   uint64_t tilesOffset() const { return tails_offset + tails_bytes; }
@@ -92,11 +94,12 @@ struct PackageHeader {
   // The directory of the patches' tails (0 bytes: there are none): package_tails.h.
   uint64_t tails_offset = 0, tails_bytes = 0, tails_hash = 0;
 };
-// 15 to 4 where it is compact; else 3 where the header describes the basis; else 1, or 2 with a base mesh: packages
+// 16 to 4 where it is compact; else 3 where the header describes the basis; else 1, or 2 with a base mesh: packages
 // of those bases stay what they were.
 inline uint32_t packageVersion(const PackageHeader& h) {
   if (h.compact)
-    return h.image_jpegs      ? 15
+    return h.image_tails      ? 16
+           : h.image_jpegs    ? 15
            : h.tail_edges     ? 14
            : h.showsImages()  ? 13
            : h.base_by_border ? 12

@@ -192,7 +192,8 @@ struct Package::Impl {
         return damagedImages("the images that patches show are damaged: their directory's checksum does not match",
                              offset);
       auto decoded =
-          decodePatchImages(bytes, manifest.base->patches, offset - header.tilesOffset(), header.image_jpegs);
+          decodePatchImages(bytes, manifest.base->patches, offset - header.tilesOffset(),
+                                       {.jpegs = header.image_jpegs, .in_tails = header.image_tails});
       if (!decoded) return damagedImages(decoded.error().message, offset);
       for (const PatchImage& patch : decoded->of_patch)
         if (patch.depth > header.domain.texture_depth)
@@ -205,7 +206,7 @@ struct Package::Impl {
     else images_problem = decoded.error();
     read_images = std::make_unique<ReadImage[]>(images.images.size());
   }
-  bool showsImages(uint32_t patch) const {
+  bool showsPages(uint32_t patch) const {
     return patch < images.of_patch.size() && images.of_patch[patch].depth != kNoTexturePage;
   }
   // Reads the image, tile by tile: into rgb, all of it, or where that is empty to see whether it is sound.
@@ -260,6 +261,44 @@ struct Package::Impl {
     read.image = std::make_shared<const ShownImage>(image);
     return read.image;
   }
+  Result<std::array<std::shared_ptr<const ShownImage>, 2>> imagesOf(const PatchImage& patch) const {
+    std::array<std::shared_ptr<const ShownImage>, 2> shown;
+    for (size_t half = 0; half < 2; ++half) {
+      auto image = shownImage(patch.image[half]);
+      if (!image) return image.error();
+      shown[half] = std::move(*image);
+    }
+    return shown;
+  }
+  // Makes the tails that are made of images; those of damaged ones become neutral.
+  void showTails(int workers, PatchTails& tails, std::vector<std::string>* problems,
+                 const std::atomic<bool>* stop) const {
+    if (!header.image_tails) return;
+    std::vector<std::optional<Error>> failed(images.images.size());
+    parallelFor(failed.size(), std::max(workers, 1), stop, [&](size_t i) {
+      if (auto image = shownImage(i); !image) failed[i] = image.error();
+    });
+    if (problems)
+      for (const auto& error : failed)
+        if (error) problems->push_back(error->text() + " (neutral texels stand in)");
+    const MipFilter mip(header.texture);
+    auto lost = [&](const PatchImage& patch) {
+      return failed[patch.image[0]] ? failed[patch.image[0]] : failed[patch.image[1]];
+    };
+    parallelFor(images.of_patch.size(), std::max(workers, 1), stop, [&](size_t p) {
+      const PatchImage& patch = images.of_patch[p];
+      if (!patch.shows() || lost(patch)) return;
+      if (auto shown = imagesOf(patch); shown)
+        showTail(patch, {(*shown)[0].get(), (*shown)[1].get()}, mip, tails.texelsOf(static_cast<uint32_t>(p)));
+    });
+    for (uint32_t p = 0; p < images.of_patch.size(); ++p) {
+      if (!images.of_patch[p].shows()) continue;
+      if (const auto error = lost(images.of_patch[p])) {
+        neutralTail(header.texture, tails.texelsOf(p));
+        tails.failures.add(PageId(texturePlane(0), {p, 0, 0, 0}), *error);
+      }
+    }
+  }
   // Of a patch that shows images.
   Result<EncodedPage> shownPage(PageId id) const {
     const NodeId node = id.node();
@@ -268,13 +307,9 @@ struct Package::Impl {
                             int64_t{node.y} * kPagePx - kPageBorderPx, kPageFullPx};
     std::vector<uint8_t> channels(kTexturePageBytes);
     if (texturePlaneIndex(id.plane()) == 0) {
-      std::array<std::shared_ptr<const ShownImage>, 2> shown;
-      for (size_t half = 0; half < 2; ++half) {
-        auto image = shownImage(patch.image[half]);
-        if (!image) return image.error();
-        shown[half] = std::move(*image);
-      }
-      showImages(patch, {shown[0].get(), shown[1].get()}, which, channels);
+      auto shown = imagesOf(patch);
+      if (!shown) return shown.error();
+      showImages(patch, {(*shown)[0].get(), (*shown)[1].get()}, which, channels);
     } else {
       showNormals(patch, which, channels);
     }
@@ -492,7 +527,8 @@ Result<std::shared_ptr<Package>> Package::open(const std::string& path) {
   if (h.showsImages()) {
     impl->readImagesDirectory();
     if (impl->images_problem) {
-      impl->warnings.push_back(impl->images_problem->message + "; patches that show them have few texels");
+      impl->warnings.push_back(impl->images_problem->message + "; patches that show them " +
+                               (h.image_tails ? "are grey" : "have few texels"));
     } else {
       TextureDepths depths = *h.domain.textureDepths();
       for (size_t p = 0; p < depths.size(); ++p) depths[p] = std::max(depths[p], impl->images.of_patch[p].depth);
@@ -539,7 +575,7 @@ Package::ShownImages Package::shownImages() const {
   const auto& patches = impl_->images.of_patch;
   return {impl_->images.images.size(),
           static_cast<uint32_t>(std::count_if(patches.begin(), patches.end(),
-                                              [](const PatchImage& p) { return p.depth != kNoTexturePage; })),
+                                              [](const PatchImage& p) { return p.shows(); })),
           h.images_offset - h.tilesOffset() + h.images_bytes};
 }
 
@@ -564,17 +600,17 @@ PatchTails Package::tails(int workers, std::vector<std::string>* problems, const
                           (over_tails ? " (texels are made of the root pages)" : " (made of the root pages)"));
     tailsFromPages(*this, m.texture, true, first, count, 1, out, problems, stop);
   };
-  auto chunks = impl_->tailsDirectory();
-  if (!chunks) {
+  if (auto chunks = impl_->tailsDirectory(); chunks) {
+    parallelFor(chunks->size(), std::max(workers, 1), stop, [&](size_t i) {
+      const auto first = static_cast<uint32_t>(i) * kTailsChunkPatches,
+                 count = std::min(kTailsChunkPatches, out.patches - first);
+      if (auto read = impl_->readTails((*chunks)[i], first, count, out, first); !read)
+        instead(first, count, read.error());
+    });
+  } else {
     instead(0, out.patches, chunks.error());
-    return out;
   }
-  parallelFor(chunks->size(), std::max(workers, 1), stop, [&](size_t i) {
-    const auto first = static_cast<uint32_t>(i) * kTailsChunkPatches,
-               count = std::min(kTailsChunkPatches, out.patches - first);
-    if (auto read = impl_->readTails((*chunks)[i], first, count, out, first); !read)
-      instead(first, count, read.error());
-  });
+  impl_->showTails(workers, out, problems, stop);
   return out;
 }
 
@@ -735,7 +771,7 @@ PageFailures Package::readFailures() const {
 
 Result<EncodedPage> Package::Impl::readPage(const Package& package, PageId id) const {
   if (isTexturePlane(id.plane()) && texturePlaneIndex(id.plane()) < header.texture.planes() &&
-      showsImages(id.node().patch) && manifest.domain.hasTexturePage(id.node()))
+      showsPages(id.node().patch) && manifest.domain.hasTexturePage(id.node()))
     return shownPage(id);
   auto found = package.record(id);
   if (!found) return found.error();

@@ -74,9 +74,14 @@ struct Context {
   std::vector<PatchImage> image_of_patch;
   std::vector<ShownImage> shown_images;
   std::vector<std::vector<uint8_t>> filled_images;  // SourceImage::fill, R G B; others: empty
-  bool showsImage(uint32_t patch) const {
-    return !image_of_patch.empty() && image_of_patch[patch].depth != kNoTexturePage;
+  bool showsImage(uint32_t patch) const { return !image_of_patch.empty() && image_of_patch[patch].shows(); }
+  bool showsPages(uint32_t patch) const { return showsImage(patch) && !image_of_patch[patch].in_tail; }
+  std::array<const ShownImage*, 2> imagesOf(uint32_t patch) const {
+    const auto& images = image_of_patch[patch].image;
+    return {&shown_images[images[0]], &shown_images[images[1]]};
   }
+  // Whose tails are made by whoever reads the package.
+  bool tailIsMade(uint32_t patch) const { return header.image_tails && showsImage(patch); }
   // The corners of patches that meet at corner c of the mesh: at[first[c]] .. at[first[c + 1]], as patch * 4 + corner.
   std::vector<uint32_t> first, at;
 

@@ -3,6 +3,7 @@
 #include <zstd.h>
 
 #include <algorithm>
+#include <bit>
 #include <cassert>
 #include <cmath>
 #include <cstring>
@@ -13,12 +14,14 @@
 #include "texturing/codec/page_codec.h"
 #include "texturing/package/image_fill.h"
 #include "texturing/package/package_layout.h"
+#include "texturing/package/patch_tails.h"
 
 namespace relievo {
 namespace {
 
 constexpr int kZstdLevel = 19;
 constexpr uint8_t kRepeats = 1, kIsJpeg = 2, kFill = 4;  // of an image
+constexpr uint8_t kInTail = 255;                         // where others have the number of their levels
 constexpr int kPlaceLog2 = 8;                            // PatchImage::at counts 256ths of texels
 constexpr size_t kImageHeadBytes = 9, kTileBytes = 12, kPatchBytes = 1, kHalvesBytes = 2 * 2,
                  kPlacesBytes = 2 * 3 * (8 + 3);
@@ -46,7 +49,7 @@ class CornerPredictor {
   void run(PatchCornersOf corners, std::span<PatchImage> patches, Place&& place, Normal&& normal) {
     for (size_t p = 0; p < patches.size(); ++p) {
       PatchImage& patch = patches[p];
-      if (patch.depth == kNoTexturePage) continue;
+      if (!patch.shows()) continue;
       for (size_t half = 0; half < 2; ++half)
         for (size_t k = 0; k < 3; ++k) {
           Known& known = of_corner_[cornerAt(corners[p], half, k)];
@@ -281,6 +284,21 @@ void showNormals(const PatchImage& patch, const ShownTexels& which, std::span<ui
   });
 }
 
+void showTail(const PatchImage& patch, const std::array<const ShownImage*, 2>& images, const MipFilter& mip,
+              std::span<uint8_t> out) {
+  // A coarser level of the image would show what lies beside a needle.
+  constexpr int kLeast = std::countr_zero(unsigned{kTailTexels}), kMost = kLeast + 2;
+  int side_log2 = kLeast;
+  while (side_log2 < kMost && std::max(shownLevel(patch, 0, side_log2), shownLevel(patch, 1, side_log2)) > 0)
+    ++side_log2;
+  const ShownTexels which{.side_log2 = side_log2, .count = size_t{1} << side_log2};
+  std::array<uint8_t, (size_t{6} << (2 * kMost))> room;
+  const auto texels = std::span(room).first(size_t{6} << (2 * side_log2));
+  showImages(patch, images, which, texels);
+  showNormals(patch, which, texels.subspan(texels.size() / 2));
+  tailTexels(mip, texels, out);
+}
+
 void cutTile(const SourceImage& image, uint32_t column, uint32_t row, std::span<uint8_t> channels) {
   assert(channels.size() == kTexturePageBytes);
   auto inside = [](int texel, uint32_t tile, int extent) {
@@ -320,7 +338,7 @@ void fillImage(const SourceImage& image, size_t number, std::span<const PatchIma
   ShownMarks marks(image.width, image.height, image.repeats);
   for (const PatchImage& patch : patches)
     for (size_t half = 0; half < 2; ++half)
-      if (patch.depth != kNoTexturePage && patch.image[half] == number) marks.add(patch.at[half]);
+      if (patch.shows() && patch.image[half] == number) marks.add(patch.at[half]);
   std::move(marks).fillRest(rgb);
 }
 
@@ -342,9 +360,9 @@ std::vector<uint8_t> encodePatchImages(const PatchImages& all, PatchCornersOf co
   for (const StoredImage& image : all.images)
     for (const ImageTile& tile : image.tiles) put(tile.hash);
   std::vector<PatchImage> patches = all.of_patch;
-  for (const PatchImage& patch : patches) put(static_cast<uint8_t>(patch.depth + 1));
+  for (const PatchImage& patch : patches) put(patch.in_tail ? kInTail : static_cast<uint8_t>(patch.depth + 1));
   for (const PatchImage& patch : patches)
-    if (patch.depth != kNoTexturePage)
+    if (patch.shows())
       for (const uint16_t image : patch.image) put(image);
   std::array<std::vector<uint32_t>, 2> places;
   std::array<std::vector<uint8_t>, 3> normals;
@@ -372,7 +390,7 @@ std::vector<uint8_t> encodePatchImages(const PatchImages& all, PatchCornersOf co
 }
 
 Result<PatchImages> decodePatchImages(std::span<const uint8_t> bytes, PatchCornersOf corners, uint64_t tile_bytes,
-                                      bool jpegs) {
+                                      KindsOfImages kinds) {
   // A tile takes a byte, and an image a tile.
   const uint64_t most = sizeof(uint32_t) + tile_bytes * (kImageHeadBytes + kTileBytes) +
                         corners.size() * (kPatchBytes + kHalvesBytes + kPlacesBytes);
@@ -408,7 +426,7 @@ Result<PatchImages> decodePatchImages(std::span<const uint8_t> bytes, PatchCorne
     image.repeats = (kind & kRepeats) != 0;
     image.is_jpeg = (kind & kIsJpeg) != 0;
     image.fill = (kind & kFill) != 0;
-    if (kind > (kRepeats | kIsJpeg | kFill) || (image.fill && !image.is_jpeg) || (image.is_jpeg && !jpegs))
+    if (kind > (kRepeats | kIsJpeg | kFill) || (image.fill && !image.is_jpeg) || (image.is_jpeg && !kinds.jpegs))
       return damaged("an image is of an unknown kind");
     texels += uint64_t{image.width} * image.height;
     tiles += image.tileCount();
@@ -433,12 +451,13 @@ Result<PatchImages> decodePatchImages(std::span<const uint8_t> bytes, PatchCorne
   for (PatchImage& patch : out.of_patch) {
     uint8_t levels = 0;
     take(levels);
-    if (levels > kMostShownDepth + 1) return damaged("a patch has too many texture levels");
-    patch.depth = static_cast<int8_t>(levels - 1);
+    patch.in_tail = kinds.in_tails && levels == kInTail;
+    if (!patch.in_tail && levels > kMostShownDepth + 1) return damaged("a patch has too many texture levels");
+    if (!patch.in_tail) patch.depth = static_cast<int8_t>(levels - 1);
     shown += levels > 0;
   }
   for (PatchImage& patch : out.of_patch)
-    if (patch.depth != kNoTexturePage)
+    if (patch.shows())
       for (uint16_t& image : patch.image) {
         take(image);
         if (image >= images) return damaged("a patch shows an image that is not there");

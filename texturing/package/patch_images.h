@@ -13,6 +13,7 @@
 #include "src/artwork/patch_domain.h"
 #include "src/artwork/shown_images.h"
 #include "src/base/result.h"
+#include "texturing/codec/mip.h"
 #include "texturing/package/patch_source.h"
 
 namespace relievo {
@@ -63,6 +64,9 @@ struct ShownTexels {
 void showImages(const PatchImage& patch, const std::array<const ShownImage*, 2>& images, const ShownTexels& which,
                 std::span<uint8_t> out);
 void showNormals(const PatchImage& patch, const ShownTexels& which, std::span<uint8_t> out);
+// The texels of its tail (PatchTails::texelsOf(), of albedo and normal).
+void showTail(const PatchImage& patch, const std::array<const ShownImage*, 2>& images, const MipFilter& mip,
+              std::span<uint8_t> out);
 
 // Images are stored as tiles of kPagePx texels a side, rows of them from the top: texture pages of one plane whose
 // borders repeat their own texels, as the tile's beyond the image do. Or, in version 15, as the JPEG that they came as,
@@ -89,16 +93,19 @@ void pasteTile(const StoredImage& image, uint32_t column, uint32_t row, std::spa
 
 struct PatchImages {
   std::vector<StoredImage> images;
-  std::vector<PatchImage> of_patch;  // depth kNoTexturePage: it shows none
+  std::vector<PatchImage> of_patch;
   bool anyJpeg() const;
 };
 // What no patch shows of the image becomes what lies around it.
 void fillImage(const SourceImage& image, size_t number, std::span<const PatchImage> patches, std::span<uint8_t> rgb);
 using PatchCornersOf = std::span<const std::array<uint32_t, 4>>;  // of all patches, in the base mesh
 std::vector<uint8_t> encodePatchImages(const PatchImages& images, PatchCornersOf corners);
-// Safe for untrusted bytes. tile_bytes: what all tiles take; jpegs: there may be such (version 15). The error names
-// what is wrong; its file is empty.
+// What there may be: JPEGs from version 15 on, patches whose tails alone show images from version 16 on.
+struct KindsOfImages {
+  bool jpegs = false, in_tails = false;
+};
+// Safe for untrusted bytes. tile_bytes: what all tiles take. The error names what is wrong; its file is empty.
 Result<PatchImages> decodePatchImages(std::span<const uint8_t> bytes, PatchCornersOf corners, uint64_t tile_bytes,
-                                      bool jpegs);
+                                      KindsOfImages kinds);
 
 }  // namespace relievo

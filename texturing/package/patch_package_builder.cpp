@@ -95,7 +95,8 @@ Result<std::vector<uint8_t>> tailsChunk(const Context& c, const BuildOptions& op
   for (uint32_t i = 0; i < count; ++i) {
     if (auto read = c.tails->read((first + i) * c.tailBytes(), bytes.data(), bytes.size()); !read) return read.error();
     std::memcpy(tails.heightsOf(i).data(), bytes.data(), 2 * kTailHeights);
-    std::copy(bytes.begin() + 2 * kTailHeights, bytes.end(), tails.texelsOf(i).begin());
+    if (c.tailIsMade(first + i)) neutralTail(c.header.texture, tails.texelsOf(i));
+    else std::copy(bytes.begin() + 2 * kTailHeights, bytes.end(), tails.texelsOf(i).begin());
   }
   const auto corners = std::span(c.source.base().patches).subspan(first, count);
   return encodeTailsChunk(tails, 0, count, tailsStorage(c.header), corners, options.zstd_level);
@@ -173,10 +174,11 @@ Result<void> takeImages(Context& context, const BuildOptions& options) {
   if (!h.base_by_border || !h.cut_patches || options.texture_tolerance < 0 || !hasNormals(h.texture))
     return usage("patches that show images need a package of version 13");
   for (uint32_t p = 0; p < h.domain.patchCount(); ++p) {
-    context.image_of_patch.push_back(context.source.imageOf(p));
-    const PatchImage& patch = context.image_of_patch.back();
-    if (patch.depth == kNoTexturePage) continue;
+    PatchImage& patch = context.image_of_patch.emplace_back(context.source.imageOf(p));
+    if (patch.in_tail && !h.image_tails) patch = {};
+    if (!patch.shows()) continue;
     assert(context.own_depth[p] == kTail && patch.depth <= std::min(kMostShownDepth, h.domain.texture_depth) &&
+           (!patch.in_tail || patch.depth == kNoTexturePage) &&
            std::max(patch.image[0], patch.image[1]) < images.size());
   }
   context.filled_images.resize(images.size());
@@ -354,6 +356,7 @@ Result<BuildReport> buildPatchPackage(const PatchSource& source, const BuildOpti
                   {header.texture.channels(), mostStoredDepth(source, header, options)},
                   patchNeighbours(source.base())};
   makeRoom(context, options);
+  header.image_tails = options.image_tails && !source.images().empty();
   if (auto taken = takeImages(context, options); !taken) return taken.error();
   listCorners(context);
   const Workforce force = workersThatFit(workerBytes(context), options, patches);

@@ -27,7 +27,9 @@ struct SourceImage {
 };
 // Where a patch that is cut lies in images: on each half, to the right of the diagonal and to its left, affinely.
 struct PatchImage {
-  int8_t depth = kNoTexturePage;  // its finest texture level; kNoTexturePage: it shows none
+  int8_t depth = kNoTexturePage;  // its finest texture level; kNoTexturePage: none, at most its tail shows the images
+  bool in_tail = false;           // without levels it shows them nevertheless
+  bool shows() const { return in_tail || depth != kNoTexturePage; }
   std::array<uint16_t, 2> image{};
   // Of a half's corners (0,0), (1,0) or (0,1), and (1,1): 256ths of a texel from the image's upper left corner; and the
   // normals there, which are linear between them, byte b for b / 127.5 - 1.

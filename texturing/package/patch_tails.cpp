@@ -27,7 +27,8 @@ void tailHeights(std::span<const uint16_t> samples, std::span<uint16_t> out) {
 
 void tailTexels(const MipFilter& mip, std::span<const uint8_t> texels, std::span<uint8_t> out) {
   const size_t channels = out.size() / kTailPatchTexels;
-  int side = texels.size() == channels * kTailTexels * kTailTexels ? kTailTexels : kPagePx;
+  int side = kTailTexels;
+  while (side < kPagePx && texels.size() > channels * static_cast<size_t>(side) * static_cast<size_t>(side)) side *= 2;
   assert(texels.size() == channels * static_cast<size_t>(side) * static_cast<size_t>(side));
   uint8_t* to = out.data();
   if (side == kTailTexels) to = std::copy(texels.begin(), texels.end(), to);
@@ -39,6 +40,17 @@ void tailTexels(const MipFilter& mip, std::span<const uint8_t> texels, std::span
     mip.downsample(level.data(), side, side, coarser.data());
     level.swap(coarser);
   }
+}
+
+void neutralTail(const TextureFormat& format, std::span<uint8_t> out) {
+  std::vector<uint8_t> page(kSlotBytes), texel;
+  for (int plane = 0; plane < format.planes(); ++plane) {
+    neutralPage(texturePlane(plane), format, PageCodec::kLossless, page.data());
+    texel.insert(texel.end(), page.begin(), page.begin() + 3);
+  }
+  uint8_t* to = out.data();
+  for (int level = 0; level < kTailLevels; ++level)
+    for (const uint8_t value : texel) to = std::fill_n(to, PatchTails::side(level) * PatchTails::side(level), value);
 }
 
 void tailsFromPages(const PageSource& source, const TextureFormat& format, bool relief, uint32_t first, uint32_t count,

@@ -74,11 +74,13 @@ struct PatchTails {
   friend bool operator==(const PatchTails&, const PatchTails&) = default;
 };
 
-// From a root page's samples (kReliefPageSamples), and from a patch's level of 128 x 128 or 16 x 16 texels,
-// channel-major.
+// From a root page's samples (kReliefPageSamples), and from a patch's texels, 16, 32, 64 or 128 a side, channel-major.
 void tailHeights(std::span<const uint16_t> samples, std::span<uint16_t> out /* kTailHeights */);
 void tailTexels(const MipFilter& mip, std::span<const uint8_t> texels,
                 std::span<uint8_t> out /* kTailPatchTexels a channel */);
+
+// Of a patch of which nothing is known, as neutral_page.h has pages.
+void neutralTail(const TextureFormat& format, std::span<uint8_t> out /* kTailPatchTexels a channel */);
 
 // Reads the root pages of patches first .. first + count and makes their tails of them. A page that cannot be had
 // counts as a neutral one and is named in `problems`, which may be null, and counted in tails.failures. Ends soon after

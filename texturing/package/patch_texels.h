@@ -66,6 +66,11 @@ class TexelKeeper {
   Result<void> run(uint32_t patch) {
     const PatchStore store = c_.storeOf(patch);
     int side = static_cast<int>(PatchStore::side(store.depth));
+    if (c_.tailIsMade(patch)) {
+      tail_.resize(c_.tailBytes() - 2 * kTailHeights);
+      showTail(c_.image_of_patch[patch], c_.imagesOf(patch), c_.mip, tail_);
+      return keepTailTexels(patch);
+    }
     if (auto made = finest(patch); !made) return made;
     if (store.depth == kTail) return keepTail(patch);
     for (int level = store.depth;; --level, side /= 2) {
@@ -105,7 +110,7 @@ class TexelKeeper {
       texels_.resize(static_cast<size_t>(c_.store.channels) * kPagePx * kPagePx);
       const PatchImage& shown = c_.image_of_patch[patch];
       const ShownTexels which{kPageCellsLog2, 0, 0, size_t{kPagePx}};
-      showImages(shown, {&c_.shown_images[shown.image[0]], &c_.shown_images[shown.image[1]]}, which, texels_);
+      showImages(shown, c_.imagesOf(patch), which, texels_);
       showNormals(shown, which, std::span(texels_).subspan(texels_.size() / 2));
       return {};
     }
@@ -233,7 +238,7 @@ class LevelReader {
       };
       const uint8_t* in = strip_.data();
       // Of a patch that shows an image there are no such texels as ours but in the tail: our own colours go on.
-      const size_t first = c_.showsImage(n.patch) && level != kTail ? kNormalChannel : 0;
+      const size_t first = c_.showsPages(n.patch) && level != kTail ? kNormalChannel : 0;
       in += first * kGutterPx * side_;
       for (size_t c = first; c < channels; ++c) {
         if (c % 3 == 0) {
@@ -426,7 +431,10 @@ class TailRounding {
         workers_(workers),
         tolerances_(channelTolerances(context.header.texture, options.texture_tolerance)),
         grades_(context.header.light_patches ? std::vector<double>{0, 1.0 / 3, 2.0 / 3, 1} : std::vector<double>{0, 1}),
-        grade_(context.header.domain.patchCount(), static_cast<uint8_t>(grades_.size() - 1)) {}
+        grade_(context.header.domain.patchCount(), static_cast<uint8_t>(grades_.size() - 1)) {
+    for (uint32_t patch = 0; patch < grade_.size(); ++patch)
+      if (context.tailIsMade(patch)) grade_[patch] = 0;
+  }
 
   Result<void> run() {
     if (auto done = roundAll(); !done) return done;
@@ -489,7 +497,8 @@ class TailRounding {
     round(tails.texels, grades_.back());
     TexelKeeper keeper(c_);
     for (uint32_t i = 0; i < count; ++i)
-      if (auto kept = keeper.keepRoundedTail(first + i, tails.texelsOf(i)); !kept) return kept;
+      if (!c_.tailIsMade(first + i))
+        if (auto kept = keeper.keepRoundedTail(first + i, tails.texelsOf(i)); !kept) return kept;
     return {};
   }
   Result<void> readTail(uint32_t patch, std::span<uint8_t> texels) const {
