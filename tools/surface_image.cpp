@@ -145,6 +145,7 @@ class TextureReader {
       out_.images[k].width = out_.pixels[k].width;
       out_.images[k].height = out_.pixels[k].height;
       out_.images[k].texels = out_.pixels[k].pixels;
+      out_.images[k].has_file = !out_.jpegs[k].empty();
     }
     return std::move(out_);
   }

@@ -28,7 +28,8 @@ struct PatchResolution {
 struct BakeTexture {
   struct Image {
     MipImage texels;
-    bool palette = false;  // of colours that whole triangles have
+    bool palette = false;   // of colours that whole triangles have
+    bool has_file = false;  // MeshBake::Image::has_file
     bool shown = false;    // by patches themselves
   };
   std::vector<Image> images;  // that TriMesh::image_of names

@@ -124,7 +124,7 @@ BakeTexture textureOf(const TriMesh& mesh, std::span<const MeshBake::Image> imag
     texture.planes = image.planes;
     texture.images.push_back(
         {MipImage(image.width, image.height, image.channels, image.texels, image.planes ? 16 : 0, image.repeats),
-         image.palette});
+         image.palette, image.has_file});
   }
   return texture;
 }

@@ -135,6 +135,7 @@ class MeshBake {
     bool planes = false;
     bool repeats = false;  // texture coordinates outside of [0, 1] repeat the image
     bool palette = false;  // whole triangles have one of its colours each
+    bool has_file = false;  // a file of few bytes, which is kept where patches show the image
   };
   // images: those that TriMesh::image_of names, or none. The mesh and the images' bytes are used in place: they must
   // outlive the bake unchanged. scene: made from the mesh, or empty.

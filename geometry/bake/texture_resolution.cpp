@@ -131,11 +131,10 @@ struct ShowingPatch {
 };
 
 // Images that are on the scan several times over, and those of many small triangles, which take a page each, take more
-// texels as patches than they have. Those whose patches would take the most are shown, as far as readers hold them in
-// memory.
-void chooseShownImages(const BakeContext& context, std::vector<ShowingPatch> showing, BakeTexture& texture) {
-  constexpr double kOfRepeated = 2, kOfOther = 4;  // texels as patches, in times of the image's own
-  const std::vector<double> times = timesShown(*context.mesh, texture.images.size());
+// texels as patches than they have; files that are kept take a fraction of an image's bytes. Those whose patches would
+// take the most are shown, as far as readers hold them in memory.
+void chooseShownImages(const std::vector<ShowingPatch>& showing, BakeTexture& texture) {
+  constexpr double kOfTexels = 2, kOfFile = 0.5;  // texels as patches, in times of the image's own
   std::vector<double> texels(texture.images.size());
   for (const ShowingPatch& s : showing)
     for (const uint16_t image : s.image) {
@@ -150,16 +149,16 @@ void chooseShownImages(const BakeContext& context, std::vector<ShowingPatch> sho
     return static_cast<double>(image.width()) * static_cast<double>(image.height());
   };
   double held = 0;
-  for (size_t i = 0; i < times.size(); ++i) {
+  for (size_t i = 0; i < texels.size(); ++i) {
     const MipImage& image = texture.images[i].texels;
     if (isPalette(i)) held += own(i);
-    else if (texels[i] >= (times[i] >= kTimesOver ? kOfRepeated : kOfOther) * own(i) &&
+    else if (texels[i] >= (texture.images[i].has_file ? kOfFile : kOfTexels) * own(i) &&
              std::max(image.width(), image.height()) <= static_cast<int>(kMostShownSide))
       order.push_back(i);
   }
   std::stable_sort(order.begin(), order.end(),
                    [&](size_t a, size_t b) { return texels[a] * own(b) > texels[b] * own(a); });
-  std::vector<uint8_t> may_be_shown(times.size(), 0);
+  std::vector<uint8_t> may_be_shown(texels.size(), 0);
   for (const size_t i : order) {
     if (held + own(i) > static_cast<double>(kMostShownTexels)) continue;
     held += own(i);
@@ -295,7 +294,7 @@ bool chooseTextureResolution(const BakeContext& context, const TextureResolution
       if (const auto images = imagesToShow(context, texture, p))
         showing.push_back({p, static_cast<int8_t>(*shown_depth), *images});
     }
-    chooseShownImages(context, std::move(showing), texture);
+    chooseShownImages(showing, texture);
     if (requested_depth < 0) texture.depth = deepestOf(texture.of_patch, kMostImageTexels);
   }
   if (!has_image && plain_tails) {

@@ -1605,17 +1605,26 @@ TEST(MeshBake, repeatedImagesAreShownByOwnTriangles) {
   TriMesh once = mesh;
   for (auto& uv : once.corner_uv)
     for (auto& corner : uv) corner *= glm::vec2(1 / kTimesX, 1 / kTimesY);
-  EXPECT_FALSE(bake(once, base, options, {{.width = 2048, .height = 2048, .texels = many}})->imagesOn(0))
-      << "as many texels as the image has";
-  const auto few = bake(once, base, options, {image});
-  EXPECT_EQ(few->shownImages(), std::vector<bool>{false}) << "tails show all of it";
+  MeshBake::Image large{.width = 2048, .height = 1024, .texels = std::span(many).first(3 * 2048 * 1024)};
+  EXPECT_FALSE(bake(once, base, options, {large})->imagesOn(0)) << "as many texels as the image has";
+  large.has_file = true;
+  EXPECT_TRUE(bake(once, base, options, {large})->imagesOn(0)) << "but a file of fewer bytes";
+  large.has_file = false;
+  // Tails show all of a small one: 35 x 16 x 16 texels.
+  const std::vector<uint8_t> small(3 * 80 * 80, 100);
+  EXPECT_EQ(bake(once, base, options, {{.width = 80, .height = 80, .texels = small}})->shownImages(),
+            std::vector<bool>{false});
+  const auto in_tails = bake(once, base, options, {{.width = 64, .height = 64, .texels = texels}});
+  ASSERT_TRUE(in_tails->imagesOn(0));
+  EXPECT_EQ(in_tails->imagesOn(0)->depth, kNoTexturePage);
   // Patches of which a half shows one that is not repeated show neither.
   TriMesh two = mesh;
   for (size_t t = 0; t < two.triangles.size(); ++t) {
     two.image_of.push_back(t % 2);
     if (t % 2) two.corner_uv[t] = once.corner_uv[t];
   }
-  const auto halves = bake(two, base, options, {image, {.width = 2048, .height = 2048, .texels = many}});
+  large.height = 2048, large.texels = many;
+  const auto halves = bake(two, base, options, {image, large});
   size_t shown = 0, single = 0;
   for (uint32_t p = 0; p < base.patches.size(); ++p) {
     const auto on = halves->imagesOn(p);
