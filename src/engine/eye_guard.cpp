@@ -103,8 +103,9 @@ class BodyGuard final : public EyeGuard {
     const BaseMesh& base = *m.base;
     const auto patches = static_cast<uint32_t>(base.patches.size());
     const bool relief = m.domain.relief_depth >= 0 && exaggerate != 0;
+    const bool even = m.domain.relief_scale_mm == 0;  // every height is the least one
     PatchTails tails;
-    if (relief) {
+    if (relief && !even) {
       if (artwork.tails) {
         tails = artwork.tails(workers, nullptr);
       } else {
@@ -129,8 +130,8 @@ class BodyGuard final : public EyeGuard {
           double height = 0;
           if (known) {
             const uint32_t stride = (1u << kTailCellsLog2) / cells_a_side_;
-            height = low + tails.heights[p * kTailHeights + size_t{j} * stride * kTailSamples + i * stride] *
-                               m.domain.relief_scale_mm;
+            const size_t sample = p * kTailHeights + size_t{j} * stride * kTailSamples + i * stride;
+            height = low + (even ? 0 : tails.heights[sample] * m.domain.relief_scale_mm);
           } else if (relief) {
             height = low + range / 2;
           }
