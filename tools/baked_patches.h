@@ -27,6 +27,7 @@ class BakedPatches final : public PatchSource {
         mm_(mm_per_unit),
         step_mm_(step * mm_per_unit),
         slight_mm_(slight_mm),
+        even_(bake.isEven()),
         base_(bake.base()),
         sources_(std::move(sources)),
         format_(format) {
@@ -75,6 +76,7 @@ class BakedPatches final : public PatchSource {
   double reliefOffsetMm() const override { return bake_.reliefOffsetMm() * mm_; }
   double reliefScaleMm() const override { return bake_.reliefScaleMm() * mm_; }
   double errorUnitMm() const override { return bake_.errorUnitMm() * mm_ * (mm_ == 1 ? 1 : 1 + 1e-6); }
+  bool patchesAreEven() const override { return even_; }
   double slightErrorMm() const override { return slight_mm_; }
   std::vector<Provenance> provenance() const override { return sources_; }
   Result<void> texels(uint32_t patch, std::span<uint8_t> out) const override { return bake_.texels(patch, out); }
@@ -110,6 +112,7 @@ class BakedPatches final : public PatchSource {
 
   const MeshBake& bake_;
   double mm_, step_mm_, slight_mm_;
+  bool even_;
   BaseMesh base_;
   std::vector<Provenance> sources_;
   TextureFormat format_;

@@ -4,6 +4,7 @@
 #include <array>
 #include <chrono>
 #include <cmath>
+#include <functional>
 #include <optional>
 #include <string>
 #include <utility>
@@ -229,6 +230,11 @@ int MeshBake::reliefDepth() const { return impl_->baked.reliefDepth(); }
 double MeshBake::reliefOffsetMm() const { return impl_->baked.offset_mm; }
 double MeshBake::reliefScaleMm() const { return impl_->baked.scale_mm; }
 double MeshBake::errorUnitMm() const { return impl_->error_unit_mm; }
+bool MeshBake::isEven() const {
+  const std::vector<uint16_t>& samples = impl_->baked.samples;
+  return std::adjacent_find(samples.begin(), samples.end(), std::not_equal_to<>()) == samples.end() &&
+         std::all_of(impl_->errors.begin(), impl_->errors.end(), [](const PatchErrors& e) { return e.largest(0) == 0; });
+}
 
 Result<std::unique_ptr<MeshBake>> MeshBake::create(const TriMesh& mesh, std::span<const Image> images,
                                                    const BaseMesh& base, const BakeOptions& requested,

@@ -282,19 +282,21 @@ struct Package::Impl {
       for (const auto& error : failed)
         if (error) problems->push_back(error->text() + " (neutral texels stand in)");
     const MipFilter mip(header.texture);
-    auto lost = [&](const PatchImage& patch) {
+    auto lost = [&](const PatchImage& patch) -> const std::optional<Error>& {
       return failed[patch.image[0]] ? failed[patch.image[0]] : failed[patch.image[1]];
     };
     parallelFor(images.of_patch.size(), std::max(workers, 1), stop, [&](size_t p) {
       const PatchImage& patch = images.of_patch[p];
       if (!patch.shows() || lost(patch)) return;
       if (auto shown = imagesOf(patch); shown)
-        showTail(patch, {(*shown)[0].get(), (*shown)[1].get()}, mip, tails.texelsOf(static_cast<uint32_t>(p)));
+        tailOfImages(patch, {(*shown)[0].get(), (*shown)[1].get()}, mip, tails.texelsOf(static_cast<uint32_t>(p)));
     });
+    std::vector<uint8_t> neutral(tails.patchTexels());
+    neutralTail(header.texture, neutral);
     for (uint32_t p = 0; p < images.of_patch.size(); ++p) {
       if (!images.of_patch[p].shows()) continue;
-      if (const auto error = lost(images.of_patch[p])) {
-        neutralTail(header.texture, tails.texelsOf(p));
+      if (const auto& error = lost(images.of_patch[p])) {
+        std::copy(neutral.begin(), neutral.end(), tails.texelsOf(p).begin());
         tails.failures.add(PageId(texturePlane(0), {p, 0, 0, 0}), *error);
       }
     }

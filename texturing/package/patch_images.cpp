@@ -284,18 +284,23 @@ void showNormals(const PatchImage& patch, const ShownTexels& which, std::span<ui
   });
 }
 
-void showTail(const PatchImage& patch, const std::array<const ShownImage*, 2>& images, const MipFilter& mip,
-              std::span<uint8_t> out) {
-  // A coarser level of the image would show what lies beside a needle.
-  constexpr int kLeast = std::countr_zero(unsigned{kTailTexels}), kMost = kLeast + 2;
-  int side_log2 = kLeast;
-  while (side_log2 < kMost && std::max(shownLevel(patch, 0, side_log2), shownLevel(patch, 1, side_log2)) > 0)
-    ++side_log2;
-  const ShownTexels which{.side_log2 = side_log2, .count = size_t{1} << side_log2};
-  std::array<uint8_t, (size_t{6} << (2 * kMost))> room;
-  const auto texels = std::span(room).first(size_t{6} << (2 * side_log2));
-  showImages(patch, images, which, texels);
-  showNormals(patch, which, texels.subspan(texels.size() / 2));
+void tailOfImages(const PatchImage& patch, const std::array<const ShownImage*, 2>& images, const MipFilter& mip,
+                  std::span<uint8_t> out) {
+  constexpr int kSideLog2 = std::countr_zero(unsigned{kTailTexels});
+  constexpr size_t kPlane = size_t{kTailTexels} * kTailTexels;
+  const ShownTexels whole{.side_log2 = kSideLog2, .count = kTailTexels};
+  std::array<uint8_t, 6 * kPlane> texels;
+  if (std::max(shownLevel(patch, 0, kSideLog2), shownLevel(patch, 1, kSideLog2)) == 0) {
+    showImages(patch, images, whole, texels);
+  } else {  // twice as many, as a coarser level of the image shows what lies beside a needle
+    static const MipFilter colours(TextureFormat{.basis = Basis::kColour});
+    std::array<uint8_t, 4 * 3 * kPlane> twice;
+    std::array<uint16_t, 3 * kPlane> halved;
+    showImages(patch, images, {.side_log2 = kSideLog2 + 1, .count = 2 * kTailTexels}, twice);
+    colours.downsample(twice.data(), 2 * kTailTexels, 2 * kTailTexels, halved.data());
+    std::transform(halved.begin(), halved.end(), texels.begin(), byteFromLevel);
+  }
+  showNormals(patch, whole, std::span(texels).subspan(3 * kPlane));
   tailTexels(mip, texels, out);
 }
 

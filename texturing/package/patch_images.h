@@ -65,8 +65,8 @@ void showImages(const PatchImage& patch, const std::array<const ShownImage*, 2>&
                 std::span<uint8_t> out);
 void showNormals(const PatchImage& patch, const ShownTexels& which, std::span<uint8_t> out);
 // The texels of its tail (PatchTails::texelsOf(), of albedo and normal).
-void showTail(const PatchImage& patch, const std::array<const ShownImage*, 2>& images, const MipFilter& mip,
-              std::span<uint8_t> out);
+void tailOfImages(const PatchImage& patch, const std::array<const ShownImage*, 2>& images, const MipFilter& mip,
+                  std::span<uint8_t> out);
 
 // Images are stored as tiles of kPagePx texels a side, rows of them from the top: texture pages of one plane whose
 // borders repeat their own texels, as the tile's beyond the image do. Or, in version 15, as the JPEG that they came as,

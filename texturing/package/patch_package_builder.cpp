@@ -91,11 +91,12 @@ Result<std::string> manifestOf(const PackageHeader& h, const PatchSource& source
 // The tails of patches first .. first + count, as a chunk's bytes.
 Result<std::vector<uint8_t>> tailsChunk(const Context& c, const BuildOptions& options, uint32_t first, uint32_t count) {
   PatchTails tails(count, c.store.channels);
-  std::vector<uint8_t> bytes(c.tailBytes());
+  std::vector<uint8_t> bytes(c.tailBytes()), neutral(tails.patchTexels());
+  neutralTail(c.header.texture, neutral);
   for (uint32_t i = 0; i < count; ++i) {
     if (auto read = c.tails->read((first + i) * c.tailBytes(), bytes.data(), bytes.size()); !read) return read.error();
     std::memcpy(tails.heightsOf(i).data(), bytes.data(), 2 * kTailHeights);
-    if (c.tailIsMade(first + i)) neutralTail(c.header.texture, tails.texelsOf(i));
+    if (c.tailIsMade(first + i)) std::copy(neutral.begin(), neutral.end(), tails.texelsOf(i).begin());
     else std::copy(bytes.begin() + 2 * kTailHeights, bytes.end(), tails.texelsOf(i).begin());
   }
   const auto corners = std::span(c.source.base().patches).subspan(first, count);

@@ -9,6 +9,7 @@
 #include <bit>
 #include <cmath>
 #include <cstdint>
+#include <optional>
 #include <span>
 #include <string>
 #include <utility>
@@ -47,10 +48,11 @@ inline DeviationShape roundedShape(const DeviationShape& s) {
 
 class PatchRelief {
  public:
-  explicit PatchRelief(Context& context) : c_(context) {}
+  explicit PatchRelief(Context& context) : c_(context), even_(context.source.patchesAreEven()) {}
 
   // Its heights, and what nodes know of those below.
   Result<void> read(uint32_t patch) {
+    if (even_ && !ranges_.empty()) return {};  // as those of the patch before
     const int depth = c_.header.domain.relief_depth;
     const size_t side = sideSamples();
     heights_.resize(side * side);
@@ -68,11 +70,17 @@ class PatchRelief {
   }
   // What the base mesh's section says of it, into the context.
   Result<void> describe(uint32_t patch) {
+    if (even_ && described_) {
+      describeAs(*described_, patch);
+      return {};
+    }
+    described_ = patch;
     if (auto known = read(patch); !known) return known;
     noteBorder(patch, sideSamples() - 1);
     noteSlopes(patch, sideSamples() - 1);
     return describeCoarse(patch);
   }
+  bool isEven() const { return even_; }
   size_t sideSamples() const { return (size_t{kPagePx} << c_.header.domain.relief_depth) + 1; }
   std::span<const uint16_t> heights() const { return heights_; }
   const NodeRange& range(int level, uint32_t x, uint32_t y) const {
@@ -80,6 +88,15 @@ class PatchRelief {
   }
 
  private:
+  void describeAs(uint32_t other, uint32_t patch) {
+    c_.corner_height[patch] = c_.corner_height[other];
+    c_.side_hash[patch] = c_.side_hash[other];
+    c_.slopes[patch] = c_.slopes[other];
+    c_.coarse_errors[patch] = c_.coarse_errors[other];
+    c_.coarse_blocks[patch] = c_.coarse_blocks[other];
+    c_.coarse_shapes[patch] = c_.coarse_shapes[other];
+  }
+
   Result<void> describeCoarse(uint32_t patch) {
     auto coarse = c_.source.coarseErrors(patch);
     if (!coarse) return coarse.error();
@@ -263,6 +280,8 @@ class PatchRelief {
   }
 
   Context& c_;
+  const bool even_;                   // PatchSource::patchesAreEven()
+  std::optional<uint32_t> described_;  // the last patch that was
   std::vector<uint16_t> heights_;
   std::vector<float> error_mm_;
   std::vector<DeviationShape> shapes_;
@@ -290,19 +309,25 @@ class ReliefWriter {
     const auto of_root = c_.header.light_patches ? ReliefEncoding::kBeyondTail
                          : c_.header.coded_index ? ReliefEncoding::kOverTail
                                                  : encoding;
+    const bool again = relief_.isEven() && !encoded_.empty();  // the same page for all nodes of a level
+    encoded_.resize(static_cast<size_t>(depth) + 1);
     for (int level = 0; level <= depth; ++level) {
       const uint32_t nodes = 1u << level;
       const size_t step = size_t{1} << (depth - level);
+      std::vector<uint8_t>& encoded = encoded_[static_cast<size_t>(level)];
       for (uint32_t y = 0; y < nodes; ++y) {
         for (uint32_t x = 0; x < nodes; ++x) {
-          for (size_t j = 0; j < kReliefSamples; ++j) {
+          for (size_t j = 0; j < kReliefSamples && !again; ++j) {
             const uint16_t* row = relief_.heights().data() + (y * kPagePx + j) * step * side + x * kPagePx * step;
             for (size_t i = 0; i < kReliefSamples; ++i) samples_[j * kReliefSamples + i] = row[i * step];
           }
           if (level == 0) {
-            std::array<uint16_t, kTailHeights> tail;
-            tailHeights(samples_, tail);
-            if (auto kept = c_.tails->write(patch * c_.tailBytes(), tail.data(), sizeof tail); !kept) return kept;
+            if (!again) tailHeights(samples_, tail_);
+            if (auto kept = c_.tails->write(patch * c_.tailBytes(), tail_.data(), sizeof tail_); !kept) return kept;
+          }
+          if (!again) {
+            const auto bytes = encoder_.encodeRelief(samples_, level == 0 ? of_root : encoding);
+            encoded.assign(bytes.begin(), bytes.end());
           }
           const NodeId node{patch, static_cast<uint32_t>(level), x, y};
           const auto at = c_.layout.relief.find(node);
@@ -315,7 +340,7 @@ class ReliefWriter {
                      .relief = true,
                      .detail_offset = detail_offset,
                      .range = relief_.range(level, x, y)},
-                    encoder_.encodeRelief(samples_, level == 0 ? of_root : encoding));
+                    encoded);
         }
       }
     }
@@ -326,6 +351,8 @@ class ReliefWriter {
   PageEncoder encoder_;
   PatchRelief relief_;
   std::array<uint16_t, kReliefPageSamples> samples_;
+  std::array<uint16_t, kTailHeights> tail_;
+  std::vector<std::vector<uint8_t>> encoded_;  // by level, its last page
 };
 
 }  // namespace relievo::patch_build

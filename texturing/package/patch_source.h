@@ -56,6 +56,8 @@ class PatchSource {
   virtual double reliefOffsetMm() const = 0;  // height in mm = offset + q * scale, one range for the artwork
   virtual double reliefScaleMm() const = 0;
   virtual double errorUnitMm() const = 0;  // of the errors kept in the package: no error exceeds 65,535 of it
+  // All patches have the same heights, which are the same everywhere, and no grid of theirs has an error.
+  virtual bool patchesAreEven() const { return false; }
   // Errors up to this matter to nobody: of these a compact package does not keep where and which way they lie.
   virtual double slightErrorMm() const { return 0; }
   virtual std::vector<Provenance> provenance() const = 0;

@@ -27,8 +27,7 @@ void tailHeights(std::span<const uint16_t> samples, std::span<uint16_t> out) {
 
 void tailTexels(const MipFilter& mip, std::span<const uint8_t> texels, std::span<uint8_t> out) {
   const size_t channels = out.size() / kTailPatchTexels;
-  int side = kTailTexels;
-  while (side < kPagePx && texels.size() > channels * static_cast<size_t>(side) * static_cast<size_t>(side)) side *= 2;
+  int side = texels.size() == channels * kTailTexels * kTailTexels ? kTailTexels : kPagePx;
   assert(texels.size() == channels * static_cast<size_t>(side) * static_cast<size_t>(side));
   uint8_t* to = out.data();
   if (side == kTailTexels) to = std::copy(texels.begin(), texels.end(), to);

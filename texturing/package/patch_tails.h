@@ -74,7 +74,8 @@ struct PatchTails {
   friend bool operator==(const PatchTails&, const PatchTails&) = default;
 };
 
-// From a root page's samples (kReliefPageSamples), and from a patch's texels, 16, 32, 64 or 128 a side, channel-major.
+// From a root page's samples (kReliefPageSamples), and from a patch's level of 128 x 128 or 16 x 16 texels,
+// channel-major.
 void tailHeights(std::span<const uint16_t> samples, std::span<uint16_t> out /* kTailHeights */);
 void tailTexels(const MipFilter& mip, std::span<const uint8_t> texels,
                 std::span<uint8_t> out /* kTailPatchTexels a channel */);

@@ -68,7 +68,7 @@ class TexelKeeper {
     int side = static_cast<int>(PatchStore::side(store.depth));
     if (c_.tailIsMade(patch)) {
       tail_.resize(c_.tailBytes() - 2 * kTailHeights);
-      showTail(c_.image_of_patch[patch], c_.imagesOf(patch), c_.mip, tail_);
+      tailOfImages(c_.image_of_patch[patch], c_.imagesOf(patch), c_.mip, tail_);
       return keepTailTexels(patch);
     }
     if (auto made = finest(patch); !made) return made;
@@ -491,14 +491,16 @@ class TailRounding {
     return {};
   }
   Result<void> roundChunk(uint32_t first, uint32_t count) {
-    PatchTails tails(count, c_.store.channels);
-    for (uint32_t i = 0; i < count; ++i)
-      if (auto read = readTail(first + i, tails.texelsOf(i)); !read) return read;
+    std::vector<uint32_t> stored;
+    for (uint32_t patch = first; patch < first + count; ++patch)
+      if (!c_.tailIsMade(patch)) stored.push_back(patch);
+    PatchTails tails(static_cast<uint32_t>(stored.size()), c_.store.channels);
+    for (uint32_t i = 0; i < stored.size(); ++i)
+      if (auto read = readTail(stored[i], tails.texelsOf(i)); !read) return read;
     round(tails.texels, grades_.back());
     TexelKeeper keeper(c_);
-    for (uint32_t i = 0; i < count; ++i)
-      if (!c_.tailIsMade(first + i))
-        if (auto kept = keeper.keepRoundedTail(first + i, tails.texelsOf(i)); !kept) return kept;
+    for (uint32_t i = 0; i < stored.size(); ++i)
+      if (auto kept = keeper.keepRoundedTail(stored[i], tails.texelsOf(i)); !kept) return kept;
     return {};
   }
   Result<void> readTail(uint32_t patch, std::span<uint8_t> texels) const {
