@@ -30,7 +30,7 @@ struct BakeTexture {
     MipImage texels;
     bool palette = false;   // of colours that whole triangles have
     bool has_file = false;  // MeshBake::Image::has_file
-    bool shown = false;    // by patches themselves
+    bool shown = false;     // by patches themselves
   };
   std::vector<Image> images;  // that TriMesh::image_of names
   bool planes = false;        // the channels of the one image become the texture, in place of colour and normal

@@ -233,7 +233,8 @@ double MeshBake::errorUnitMm() const { return impl_->error_unit_mm; }
 bool MeshBake::isEven() const {
   const std::vector<uint16_t>& samples = impl_->baked.samples;
   return std::adjacent_find(samples.begin(), samples.end(), std::not_equal_to<>()) == samples.end() &&
-         std::all_of(impl_->errors.begin(), impl_->errors.end(), [](const PatchErrors& e) { return e.largest(0) == 0; });
+         std::all_of(impl_->errors.begin(), impl_->errors.end(),
+                     [](const PatchErrors& e) { return e.largest(0) == 0; });
 }
 
 Result<std::unique_ptr<MeshBake>> MeshBake::create(const TriMesh& mesh, std::span<const Image> images,

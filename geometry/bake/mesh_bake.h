@@ -133,8 +133,8 @@ class MeshBake {
     std::span<const uint8_t> texels;
     int channels = 3;
     bool planes = false;
-    bool repeats = false;  // texture coordinates outside of [0, 1] repeat the image
-    bool palette = false;  // whole triangles have one of its colours each
+    bool repeats = false;   // texture coordinates outside of [0, 1] repeat the image
+    bool palette = false;   // whole triangles have one of its colours each
     bool has_file = false;  // a file of few bytes, which is kept where patches show the image
   };
   // images: those that TriMesh::image_of names, or none. The mesh and the images' bytes are used in place: they must

@@ -284,7 +284,8 @@ TEST(PatchImages, TheDirectoryIsWithoutLoss) {
 TEST(PatchImages, ADirectoryOfAnythingIsOneOrAnError) {
   const BaseMesh base = cubeSphere(2, 10, kSeed);
   const PatchImages all = someImages(base);
-  const auto refused = [&](const PatchImages& images, uint64_t tile_bytes, const char* why, KindsOfImages kinds = kAllKinds) {
+  const auto refused = [&](const PatchImages& images, uint64_t tile_bytes, const char* why,
+                           KindsOfImages kinds = kAllKinds) {
     const auto decoded = decodePatchImages(encodePatchImages(images, base.patches), base.patches, tile_bytes, kinds);
     EXPECT_FALSE(decoded.ok()) << why;
     if (!decoded) {
@@ -342,8 +343,8 @@ TEST(PatchImages, ADirectoryOfAnythingIsOneOrAnError) {
 }
 
 // ---- packages ----
-// A third of the patches shows images, at levels 0 to 2, and where so told another third in tails alone; the others have
-// noise at level 0.
+// A third of the patches shows images, at levels 0 to 2, and where so told another third in tails alone; the others
+// have noise at level 0.
 class ShowingPatches final : public NoisyPatches {
  public:
   explicit ShowingPatches(Picture second = pictureOf(64, 130, false, 6), bool in_tails = false)
@@ -505,9 +506,10 @@ TEST(PatchImages, TailsAreMadeOfThem) {
       const double u = (i % 16 + 0.5) / 16, v = (i / 16 + 0.5) / 16;
       const size_t half = v > u;
       const double along = half ? v : u, across = half ? u : v;
-      const glm::dvec2 at = (glm::dvec2(patch.at[half][0]) * (1 - along) +
-                             glm::dvec2(patch.at[half][1]) * (along - across) + glm::dvec2(patch.at[half][2]) * across) /
-                            256.0;
+      const glm::dvec2 at =
+          (glm::dvec2(patch.at[half][0]) * (1 - along) + glm::dvec2(patch.at[half][1]) * (along - across) +
+           glm::dvec2(patch.at[half][2]) * across) /
+          256.0;
       const SourceImage& image = images[patch.image[half]];
       const TrueLevel level{image.width, image.height, {image.rgb.begin(), image.rgb.end()}};
       for (int c = 0; c < 3; ++c)
@@ -551,8 +553,9 @@ TEST(PatchImages, TailsOfDamagedImagesAreNeutral) {
     EXPECT_EQ(problems.size(), directory ? 0u : 1u);
     EXPECT_EQ(damaged->warnings().size(), directory ? 1u : 0u);
     const std::string said = directory ? damaged->warnings()[0] : problems[0];
-    EXPECT_NE(said.find(directory ? "patches that show them are grey" : "tile 0 of image 0: its checksum does not match"),
-              std::string::npos)
+    EXPECT_NE(
+        said.find(directory ? "patches that show them are grey" : "tile 0 of image 0: its checksum does not match"),
+        std::string::npos)
         << said;
   }
 }

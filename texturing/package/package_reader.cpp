@@ -191,8 +191,7 @@ struct Package::Impl {
       if (XXH3_64bits(bytes.data(), bytes.size()) != header.images_hash)
         return damagedImages("the images that patches show are damaged: their directory's checksum does not match",
                              offset);
-      auto decoded =
-          decodePatchImages(bytes, manifest.base->patches, offset - header.tilesOffset(),
+      auto decoded = decodePatchImages(bytes, manifest.base->patches, offset - header.tilesOffset(),
                                        {.jpegs = header.image_jpegs, .in_tails = header.image_tails});
       if (!decoded) return damagedImages(decoded.error().message, offset);
       for (const PatchImage& patch : decoded->of_patch)
@@ -576,8 +575,8 @@ Package::ShownImages Package::shownImages() const {
   if (!h.showsImages()) return {};
   const auto& patches = impl_->images.of_patch;
   return {impl_->images.images.size(),
-          static_cast<uint32_t>(std::count_if(patches.begin(), patches.end(),
-                                              [](const PatchImage& p) { return p.shows(); })),
+          static_cast<uint32_t>(
+              std::count_if(patches.begin(), patches.end(), [](const PatchImage& p) { return p.shows(); })),
           h.images_offset - h.tilesOffset() + h.images_bytes};
 }
 

@@ -280,7 +280,7 @@ class PatchRelief {
   }
 
   Context& c_;
-  const bool even_;                   // PatchSource::patchesAreEven()
+  const bool even_;                    // PatchSource::patchesAreEven()
   std::optional<uint32_t> described_;  // the last patch that was
   std::vector<uint16_t> heights_;
   std::vector<float> error_mm_;
