@@ -308,6 +308,7 @@ TEST(MeshBake, errorsFoundLaterAreTheSame) {
     for (int log2 = 0; log2 <= 7; ++log2)
       EXPECT_EQ(later->errorsOfGrid(p, log2).mm, always->errorsOfGrid(p, log2).mm) << p << " " << log2;
   EXPECT_NE(always->errorsOfGrid(0, 4).mm, exact) << "the control: steps change errors";
+  EXPECT_FALSE(later->isEven());
 }
 
 class MeshBakeOver : public ::testing::TestWithParam<bool> {};  // BaseMesh::cut
@@ -1591,6 +1592,7 @@ TEST(MeshBake, repeatedImagesAreShownByOwnTriangles) {
         EXPECT_NEAR(on->normal[half][k].z, at.x < 15 ? 1 : 1 / std::hypot(1, 0.5), 1e-3);
       }
   }
+  EXPECT_TRUE(baked->isEven()) << "the base is the scan";
   EXPECT_EQ(baked->textureDepth(), deepest);
   EXPECT_EQ(deepest, 2) << "6 x 6 images of 64 texels, at most 1.42 a texel";
   // Not where it is not asked for, where there are texels for it, or where patches are other than the triangles.

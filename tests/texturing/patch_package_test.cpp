@@ -5,6 +5,8 @@
 #include <sys/resource.h>
 #include <xxhash.h>
 
+#include <algorithm>
+#include <atomic>
 #include <csignal>
 #include <fstream>
 #include <iostream>
@@ -1052,6 +1054,52 @@ TEST_F(BaseOfPackage, everyTruncationOpensOrFailsCleanly) {
   }
   EXPECT_GT(opened, 10u);
   EXPECT_GT(refused, 10u);
+}
+
+// Patches without relief or errors, which say so or do not.
+class EvenPatches final : public NoisyPatches {
+ public:
+  EvenPatches(int relief_depth, bool said) : NoisyPatches(cutSphere(), 0, relief_depth, kSeed), said_(said) {}
+  bool patchesAreEven() const override { return said_; }
+  Result<void> heights(uint32_t /*patch*/, std::span<uint16_t> out) const override {
+    ++height_calls;
+    std::fill(out.begin(), out.end(), uint16_t{27'306});
+    return {};
+  }
+  Result<void> errors(uint32_t /*patch*/, int /*level*/, std::span<float> out_mm) const override {
+    std::fill(out_mm.begin(), out_mm.end(), 0.0f);
+    return {};
+  }
+  Result<bool> coarseBlocks(uint32_t /*patch*/, int /*cells_log2*/, std::span<float> out_mm) const override {
+    std::fill(out_mm.begin(), out_mm.end(), 0.0f);
+    return true;
+  }
+  Result<CoarseErrors> coarseErrors(uint32_t /*patch*/) const override { return CoarseErrors{}; }
+  bool errorShapes(uint32_t, int, std::span<DeviationShape>) const override { return false; }
+  mutable std::atomic<int> height_calls{0};
+
+ private:
+  bool said_;
+};
+
+TEST(PatchPackage, evenPatchesAreLookedAtOnce) {
+  ScratchFolder folder;
+  const std::string path = folder.file("a.relievo");
+  constexpr uint64_t kBudget = uint64_t{256} << 20;
+  for (const int relief_depth : {0, 1})
+    for (const bool light : {false, true}) {
+      std::vector<std::vector<uint8_t>> bytes;
+      std::vector<int> calls;
+      for (const bool said : {false, true}) {
+        const EvenPatches source(relief_depth, said);
+        ASSERT_TRUE(build(path, source, 2, kBudget, true, light).ok());
+        bytes.push_back(readAll(path));
+        calls.push_back(source.height_calls);
+      }
+      EXPECT_TRUE(bytes[0] == bytes[1]) << relief_depth << " " << light;
+      EXPECT_EQ(calls[0], 2 * 24) << "described, then written";
+      EXPECT_LE(calls[1], 2 * 2) << "once a worker";
+    }
 }
 
 TEST(FlatPackage, staysVersionOne) {
