@@ -394,6 +394,41 @@ std::vector<uint8_t> encodePatchImages(const PatchImages& all, PatchCornersOf co
   return out;
 }
 
+namespace {
+
+// Places and normals of `shown` patches, bytes of kPlacesBytes each. False: a place is out of bounds.
+bool decodeCorners(std::span<const uint8_t> bytes, size_t shown, PatchCornersOf corners, PatchImages& out) {
+  const size_t places = 6 * shown;
+  size_t next = 0, next_normal = 8 * places;
+  bool inside = true;
+  CornerPredictor(cornersOf(corners), out.images.size())
+      .run(
+          corners, out.of_patch,
+          [&](const glm::ivec2& expected, const glm::ivec2&) {
+            glm::ivec2 there(0);
+            for (int axis = 0; axis < 2; ++axis) {
+              uint32_t v = 0;
+              for (size_t byte = 0; byte < 4; ++byte)
+                v |= uint32_t{bytes[(static_cast<size_t>(4 * axis) + byte) * places + next]} << (8 * byte);
+              there[axis] = plus(expected[axis], unfolded(v));
+              inside = inside && std::abs(int64_t{there[axis]}) <= kMostShownPlace;
+            }
+            ++next;
+            return there;
+          },
+          [&](const glm::u8vec3& expected, const glm::u8vec3&) {
+            glm::u8vec3 there(0);
+            for (int axis = 0; axis < 3; ++axis)
+              there[axis] =
+                  static_cast<uint8_t>(expected[axis] + bytes[next_normal + static_cast<size_t>(axis) * places]);
+            ++next_normal;
+            return there;
+          });
+  return inside;
+}
+
+}  // namespace
+
 Result<PatchImages> decodePatchImages(std::span<const uint8_t> bytes, PatchCornersOf corners, uint64_t tile_bytes,
                                       KindsOfImages kinds) {
   // A tile takes a byte, and an image a tile.
@@ -468,33 +503,8 @@ Result<PatchImages> decodePatchImages(std::span<const uint8_t> bytes, PatchCorne
         if (image >= images) return damaged("a patch shows an image that is not there");
       }
   if (!whole || raw.size() - at != shown * kPlacesBytes) return cut;
-  const size_t places = 6 * shown;
-  size_t next = 0, next_normal = at + 8 * places;
-  bool inside = true;
-  CornerPredictor(cornersOf(corners), images)
-      .run(
-          corners, out.of_patch,
-          [&](const glm::ivec2& expected, const glm::ivec2&) {
-            glm::ivec2 there(0);
-            for (int axis = 0; axis < 2; ++axis) {
-              uint32_t v = 0;
-              for (size_t byte = 0; byte < 4; ++byte)
-                v |= uint32_t{raw[at + (static_cast<size_t>(4 * axis) + byte) * places + next]} << (8 * byte);
-              there[axis] = plus(expected[axis], unfolded(v));
-              inside = inside && std::abs(int64_t{there[axis]}) <= kMostShownPlace;
-            }
-            ++next;
-            return there;
-          },
-          [&](const glm::u8vec3& expected, const glm::u8vec3&) {
-            glm::u8vec3 there(0);
-            for (int axis = 0; axis < 3; ++axis)
-              there[axis] =
-                  static_cast<uint8_t>(expected[axis] + raw[next_normal + static_cast<size_t>(axis) * places]);
-            ++next_normal;
-            return there;
-          });
-  if (!inside) return damaged("a patch lies too far outside of its image");
+  if (!decodeCorners(std::span(raw).subspan(at), shown, corners, out))
+    return damaged("a patch lies too far outside of its image");
   return out;
 }
 
