@@ -108,8 +108,8 @@ class Package final : public PageSource {
   // Which way they lie; shares of what reliefErrors() says. False: the package does not say.
   bool reliefShapes(const NodeId& node, std::span<DeviationShape> shapes /* 256 */) const;
   // The tails of its patches (patch_tails.h), as far as they are sound; the others are made of the root pages (heights
-  // up to version 8), and problems (which may be null) names them. False: the package has none (an older one, or a flat
-  // artwork).
+  // up to version 8), and problems (which may be null) names them; from version 16 on those that show images are made
+  // of these, which are read for it. False: the package has none (an older one, or a flat artwork).
   bool hasTails() const;
   // Ends soon after *stop is set (it may be null); what it answers then is not to be used.
   PatchTails tails(int workers, std::vector<std::string>* problems, const std::atomic<bool>* stop = nullptr) const;

@@ -179,7 +179,8 @@ struct Package::Impl {
   Error damagedImages(const std::string& what, uint64_t offset) const {
     return {ErrorKind::kInvalidData, file.path(), what, "rebuild the package, or get a whole copy", offset};
   }
-  // Whoever opens a package whose images are damaged sees the tails of patches that show them.
+  // Whoever opens a package whose images are damaged sees the tails of patches that show them; from version 16 on these
+  // are neutral.
   void readImagesDirectory() {
     auto read = [&]() -> Result<PatchImages> {
       const uint64_t offset = header.images_offset, size = header.images_bytes;

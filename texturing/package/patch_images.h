@@ -1,7 +1,7 @@
 // patch_images.h - images that patches show (texturing/PACKAGE.md, "Images that patches show"). Where a scan repeats an
 // image, pages of its patches would hold the image over and over. Such a package has the image once, and says of each
-// patch where its corners lie in it; pages are made when they are read. Integer arithmetic: the same texels on every
-// machine.
+// patch where its corners lie in it; pages, and from version 16 on tails, are made when they are read. Integer
+// arithmetic: the same texels on every machine.
 #pragma once
 
 #include <array>

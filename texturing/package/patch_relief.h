@@ -74,8 +74,8 @@ class PatchRelief {
       describeAs(*described_, patch);
       return {};
     }
-    described_ = patch;
     if (auto known = read(patch); !known) return known;
+    described_ = patch;
     noteBorder(patch, sideSamples() - 1);
     noteSlopes(patch, sideSamples() - 1);
     return describeCoarse(patch);
@@ -281,7 +281,7 @@ class PatchRelief {
 
   Context& c_;
   const bool even_;                    // PatchSource::patchesAreEven()
-  std::optional<uint32_t> described_;  // the last patch that was
+  std::optional<uint32_t> described_;  // of even patches the first, as which all others are
   std::vector<uint16_t> heights_;
   std::vector<float> error_mm_;
   std::vector<DeviationShape> shapes_;

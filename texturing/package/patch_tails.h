@@ -5,7 +5,8 @@
 //             therefore has one place whether its height comes from a tail or from a page, and patches that meet need
 //             not agree on which they use.
 //   texels    the levels of 16, 8, 4 and 2 texels a side: the root page's bytes halved 3 to 6 times by mip.h's rules,
-//             or 16 a side that are all that the patch was told in (PatchSource::textureDepthOf()), halved up to 3.
+//             or 16 a side that are all that the patch was told in (PatchSource::textureDepthOf()), or that the images
+//             show of it (tailOfImages()), halved up to 3.
 //             The two levels between (64 and 32 texels) are not stored: shaders blend from the root's level to the
 //             tail's over them. The finest also stands for pages that a patch does not have (texture_depths.h): it is
 //             filtered bilinearly, whatever the scene's sampling.
@@ -46,7 +47,7 @@ struct PatchTails {
   std::vector<uint16_t> heights;  // patch by patch, rows of v from 0
   std::vector<uint8_t>
       texels;  // patch by patch; in it level by level, finest first; in it channel by channel, rows of v from 0
-  PageFailures failures;  // root pages that some of them should have been made of
+  PageFailures failures;  // root pages, and those whose images, some of them should have been made of
 
   PatchTails() = default;
   PatchTails(uint32_t patch_count, int channel_count)
