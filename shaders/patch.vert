@@ -23,9 +23,10 @@ uniform ivec2 u_limit;
 // is moved by, towards the eye (wireframe)
 uniform vec4 u_scale;
 #ifdef TAILS
-// first the four at the corners, of all patches; then 17 x 17 a patch (src/render/tail_textures.h)
+// first the four at the corners, of all patches; then 17 x 17 a patch, or once for all (src/render/tail_textures.h)
 uniform UINT_TABLE u_tail_heights;
 uniform uint u_tail_patches;
+uniform uint u_tail_grid;  // 289, or 0
 #endif
 
 invariant gl_Position;
@@ -57,7 +58,7 @@ int snapOnSide(int i, int n, uint side) {
 #ifdef RELIEF
 int heightSample(ivec3 origin, ivec2 s) {
 #ifdef TAILS
-  uint in_tail = u_tail_patches * 4u + a_node.z * 289u + uint(s.y * 17 + s.x);
+  uint in_tail = u_tail_patches * 4u + a_node.z * u_tail_grid + uint(s.y * 17 + s.x);
   if (a_relief.z == -1) return int(TABLE_TEXEL(u_tail_heights, in_tail).r);
 #endif
 #ifdef MESH

@@ -83,15 +83,18 @@ void loadTail(float beyond) {
   vec2 uv;
   uvec4 root = nodeAtLevel(0, uv);
   float lod = clamp(beyond - kTailFinest, 0.0, float(kTailLevels - 1));
+  for (int g = 0; g < TAIL_GROUPS; ++g) {
+    uint rank = tailRank(g, root.x);
 #ifdef TRILINEAR
-  float base = min(floor(lod), float(kTailLevels - 2));
-  filterTailLevel(root.x, uv, int(base), g_tail);
-  vec3 coarse[PLANES];
-  filterTailLevel(root.x, uv, int(base) + 1, coarse);
-  for (int k = 0; k < PLANES; ++k) g_tail[k] += (coarse[k] - g_tail[k]) * (lod - base);
+    float base = min(floor(lod), float(kTailLevels - 2));
+    TailTexel fine = filterTail(g, rank, uv, int(base)), coarse = filterTail(g, rank, uv, int(base) + 1);
+    for (int k = 0; k < TAIL_WORDS; ++k)
+      g_tail[g * TAIL_WORDS + k] = fine.planes[k] + (coarse.planes[k] - fine.planes[k]) * (lod - base);
 #else
-  filterTailLevel(root.x, uv, int(floor(lod + 0.5)), g_tail);
+    TailTexel one = filterTail(g, rank, uv, int(floor(lod + 0.5)));
+    for (int k = 0; k < TAIL_WORDS; ++k) g_tail[g * TAIL_WORDS + k] = one.planes[k];
 #endif
+  }
 }
 #endif
 
@@ -104,9 +107,11 @@ void sampleTailTaps(Footprint f, out vec3 channels[PLANES]) {
   for (int k = 0; k < PLANES; ++k) channels[k] = vec3(0.0);
   for (int i = 0; i < count; ++i) {
     vec2 tap = tapAt(i, count, f.ratio);
-    vec3 one[PLANES];
-    filterTailLevel(root.node.x, clamp(localAt(root, tapPlace(tap.x, f)), -reach, 1.0 + reach), 0, one);
-    for (int k = 0; k < PLANES; ++k) channels[k] += one[k] * (tap.y / f.ratio);
+    vec2 uv = clamp(localAt(root, tapPlace(tap.x, f)), -reach, 1.0 + reach);
+    for (int g = 0; g < TAIL_GROUPS; ++g) {
+      TailTexel one = filterTail(g, tailRank(g, root.node.x), uv, 0);
+      for (int k = 0; k < TAIL_WORDS; ++k) channels[g * TAIL_WORDS + k] += one.planes[k] * (tap.y / f.ratio);
+    }
   }
 }
 #endif

@@ -244,7 +244,7 @@ void printPages(const Contents& c) {
   if (c.package.hasTails() && c.tails) printOutf(", tails %.1f KiB", kib(c.tails->all));
   printOutf("\n");
   if (c.package.hasTails()) {
-    printOutf("  tails     resident whatever is seen, if patches are many or have no texture pages: %.1f MiB\n",
+    printOutf("  tails     resident whatever is seen, if patches are many or have no texture pages: at most %.1f MiB\n",
               static_cast<double>(tailGpuBytes(d.patchCount(), static_cast<uint64_t>(m.texture.planes()))) / (1 << 20));
   }
   printOutf("  resident  %.3g bytes per texel on a GPU as rgba8", residentBytesPerTexel(m, PageCodec::kLossless));

@@ -10,8 +10,8 @@
 
 #include "geometry/lod/lod.h"
 #include "src/render/camera.h"
+#include "texturing/package/kept_tails.h"
 #include "texturing/package/package.h"
-#include "texturing/package/patch_tails.h"
 
 namespace relievo {
 
@@ -21,7 +21,7 @@ struct Artwork {
   std::shared_ptr<const ReliefOracle> oracle;
   // Over a base mesh: the patches' tails (patch_tails.h), where the source stores them. Where this is empty they are
   // computed from all root pages. Tails that had to be replaced are named in problems.
-  std::function<PatchTails(int workers, std::vector<std::string>* problems)> tails;
+  std::function<KeptTails(int workers, std::vector<std::string>* problems)> tails;
 };
 // Once *stop is set (it may be null), the artwork's tails are no longer read, and those returned must not be used.
 Artwork artworkFromPackage(std::shared_ptr<const Package> package, const std::atomic<bool>* stop = nullptr);

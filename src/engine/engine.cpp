@@ -674,7 +674,6 @@ Result<std::unique_ptr<Engine>> Engine::create(Artwork artwork, const Scene& sce
   ResidentPlanes& planes = *impl->planes;
   if (const std::string why = planes.whyNotBlocks(impl->plan); options.upload == Upload::kBlocks && !why.empty())
     impl->notices.push_back("texture pages are uploaded as rgba8, not as blocks: " + why);
-  if (auto fits = impl->fitCache(); !fits) return fits.error();
   if (with_tails) {
     if (const uint64_t most = TailTextures::maxPatches(manifest.texture.planes());
         manifest.domain.patchCount() > most) {
@@ -686,7 +685,10 @@ Result<std::unique_ptr<Engine>> Engine::create(Artwork artwork, const Scene& sce
                    {}};
     }
   }
-  if (auto opened = planes.open(impl->plan); !opened) return opened.error();
+  if (auto made = planes.makeTails(); !made) return made.error();
+  impl->stats.tail_bytes = planes.tailBytes();
+  if (auto fits = impl->fitCache(); !fits) return fits.error();
+  planes.openPool(impl->plan);
   const PlacedExtent placed{artworkExtent(manifest), scene.pose};
   impl->camera = fitCamera(std::span(&placed, 1), impl->width, impl->height);
   impl->patches = std::make_unique<PatchPass>(impl->context.software);

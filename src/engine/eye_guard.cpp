@@ -104,13 +104,14 @@ class BodyGuard final : public EyeGuard {
     const auto patches = static_cast<uint32_t>(base.patches.size());
     const bool relief = m.domain.relief_depth >= 0 && exaggerate != 0;
     const bool even = m.domain.relief_scale_mm == 0;  // every height is the least one
-    PatchTails tails;
+    KeptTails tails;
     if (relief && !even) {
       if (artwork.tails) {
         tails = artwork.tails(workers, nullptr);
       } else {
-        tails = PatchTails(patches, m.texture.channels());
-        tailsFromPages(*artwork.source, m.texture, true, 0, patches, workers, tails, nullptr);
+        PatchTails made(patches, m.texture.channels());
+        tailsFromPages(*artwork.source, m.texture, true, 0, workers, made, nullptr);
+        tails = made;
       }
     }
     constexpr size_t kMostCells = size_t{1} << 18;
@@ -130,8 +131,8 @@ class BodyGuard final : public EyeGuard {
           double height = 0;
           if (known) {
             const uint32_t stride = (1u << kTailCellsLog2) / cells_a_side_;
-            const size_t sample = p * kTailHeights + size_t{j} * stride * kTailSamples + i * stride;
-            height = low + (even ? 0 : tails.heights[sample] * m.domain.relief_scale_mm);
+            const size_t sample = size_t{j} * stride * kTailSamples + i * stride;
+            height = low + (even ? 0 : tails.height(p, sample) * m.domain.relief_scale_mm);
           } else if (relief) {
             height = low + range / 2;
           }

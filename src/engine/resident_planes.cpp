@@ -21,15 +21,19 @@ ResidentPlanes::ResidentPlanes(const Artwork& artwork, const EngineOptions& opti
                                UploadChoice upload)
     : artwork_(artwork), options_(options), tail_bytes_(tail_bytes), upload_(std::move(upload)) {}
 
-Result<void> ResidentPlanes::open(const EffectPlan& plan) {
-  if (tail_bytes_ > 0) {
-    makeTails();
-    if (options_.interrupted && options_.interrupted->load())
-      return Error{ErrorKind::kInterrupted, "", "interrupted", "", {}};
-  }
+Result<void> ResidentPlanes::makeTails() {
+  if (tail_bytes_ == 0) return {};
+  readTails();
+  if (options_.interrupted && options_.interrupted->load())
+    return Error{ErrorKind::kInterrupted, "", "interrupted", "", {}};
+  tail_textures_ = std::make_unique<TailTextures>(*tails_);
+  tail_bytes_ = tail_textures_->mostBytes();
+  return {};
+}
+
+void ResidentPlanes::openPool(const EffectPlan& plan) {
   slots_ = cacheSlots(needs(plan), budget());
   pool_ = std::make_unique<PagePool>(slots_);
-  return {};
 }
 
 void ResidentPlanes::openStreamer(const EffectPlan& plan, const Scene& scene) {
@@ -46,6 +50,7 @@ double ResidentPlanes::tailReach(const EffectPlan& plan, int width_px, int heigh
 void ResidentPlanes::addDefines(gl::Defines& defines) const {
   if (tails_) defines.emplace_back("TAILS", "1");
   if (tail_textures_ && tail_textures_->inRows()) defines.emplace_back("TAIL_ROWS", "1");
+  if (tail_textures_ && tail_textures_->inPairs()) defines.emplace_back("TAIL_PAIRS", "1");
   for (auto& define : PagePool::defines(slots_.upload)) defines.push_back(std::move(define));
 }
 
@@ -85,17 +90,17 @@ uint64_t ResidentPlanes::budget() const {
   return static_cast<uint64_t>(options_.cache_mib * 1024 * 1024) - tail_bytes_;
 }
 
-void ResidentPlanes::makeTails() {
+void ResidentPlanes::readTails() {
   const Manifest& m = artwork_.manifest;
   if (artwork_.tails) {
     tails_ = artwork_.tails(options_.workers, &tail_messages_);
   } else {
-    tails_.emplace(m.domain.patchCount(), m.texture.channels());
-    tailsFromPages(*artwork_.source, m.texture, m.domain.relief_depth >= 0, 0, tails_->patches, options_.workers,
-                   *tails_, &tail_messages_, options_.interrupted);
+    PatchTails made(m.domain.patchCount(), m.texture.channels());
+    tailsFromPages(*artwork_.source, m.texture, m.domain.relief_depth >= 0, 0, options_.workers, made, &tail_messages_,
+                   options_.interrupted);
+    tails_ = made;
   }
-  failures_.add(tails_->failures);
-  tail_textures_ = std::make_unique<TailTextures>(*tails_);
+  failures_.add(tails_->failures());
 }
 
 void ResidentPlanes::setTailTexels(const EffectPlan& plan, const std::array<double, 3>& light) {
@@ -104,12 +109,13 @@ void ResidentPlanes::setTailTexels(const EffectPlan& plan, const std::array<doub
   if (!plan.readsTexture()) return;
   const BaseMesh& base = *artwork_.manifest.base;
   const GutterEnds ends{.colours = artwork_.manifest.tail_edges};  // of three channels
-  if (plan.shading != ReliefShading::Kind::kNone)
-    tail_textures_->setTexels(planeOfTails(*tails_, texturePlaneIndex(kNormalPlane)), base);
-  else if (plan.resolve) tail_textures_->setTexels(resolvedTails(*tails_, format, light), base, ends);
-  else if (!plan.lit() && format.planes() > 1)
-    tail_textures_->setTexels(resolvedTails(*tails_, {}, light), base, ends);  // the colour alone
-  else tail_textures_->setTexels(*tails_, base, {.colours = ends.colours, .normals = hasNormals(format)});
+  auto set = [&](const KeptTails& tails, GutterEnds of) {
+    tail_textures_->setTexels(tails, base, of, options_.workers);
+  };
+  if (plan.shading != ReliefShading::Kind::kNone) set(planeOfTails(*tails_, texturePlaneIndex(kNormalPlane)), {});
+  else if (plan.resolve) set(resolvedTails(*tails_, format, light), ends);
+  else if (!plan.lit() && format.planes() > 1) set(resolvedTails(*tails_, {}, light), ends);  // the colour alone
+  else set(*tails_, {.colours = ends.colours, .normals = hasNormals(format)});
 }
 
 void ResidentPlanes::start(const EffectPlan& plan, const Scene& scene) {

@@ -17,7 +17,7 @@
 #include "src/engine/upload_choice.h"
 #include "src/render/page_pool.h"
 #include "src/render/tail_textures.h"
-#include "texturing/package/patch_tails.h"
+#include "texturing/package/kept_tails.h"
 #include "texturing/stream/cache_budget.h"
 #include "texturing/stream/page_streamer.h"
 
@@ -25,16 +25,18 @@ namespace relievo {
 
 class ResidentPlanes {
  public:
-  // Artwork and options outlive it. tail_bytes: what tails will take of the GPU's memory; 0: there are none, and roots
-  // are pinned.
+  // Artwork and options outlive it. tail_bytes: what tails will take of the GPU's memory, at most, until they are made;
+  // 0: there are none, and roots are pinned.
   ResidentPlanes(const Artwork& artwork, const EngineOptions& options, uint64_t tail_bytes, UploadChoice upload);
 
   // The smallest budget for the planes of a plan, tails included, bytes.
   uint64_t leastBytes(const EffectPlan& plan) const { return tail_bytes_ + minCacheBytes(needs(plan)); }
   // What all pages of the plan take.
   uint64_t mostBytes(const EffectPlan& plan) const;
-  // Makes the tails, where there are any, and the pool for a plan's pages. Error: kInterrupted.
-  Result<void> open(const EffectPlan& plan);
+  // Makes the tails, where there are any: from then on it is known what they take. Error: kInterrupted.
+  Result<void> makeTails();
+  // Makes the pool for a plan's pages.
+  void openPool(const EffectPlan& plan);
   // Then the first streamer, and waits for its roots.
   void openStreamer(const EffectPlan& plan, const Scene& scene);
 
@@ -70,7 +72,7 @@ class ResidentPlanes {
  private:
   CacheNeeds needs(const EffectPlan& plan) const;
   uint64_t budget() const;
-  void makeTails();
+  void readTails();
   void setTailTexels(const EffectPlan& plan, const std::array<double, 3>& light);
   void take(std::unique_ptr<PageStreamer> next);
 
@@ -84,7 +86,7 @@ class ResidentPlanes {
   std::array<double, 3> starting_light_{};
   CacheSlots slots_, starting_slots_;
   std::unique_ptr<PagePool> pool_;
-  std::optional<PatchTails> tails_;
+  std::optional<KeptTails> tails_;
   std::unique_ptr<TailTextures> tail_textures_;
   std::vector<std::string> page_messages_;  // of streamers that ended
   std::vector<std::string> tail_messages_;

@@ -163,7 +163,7 @@ void readAll(const Package& package) {
   if (m.domain.relief_depth >= 0) tree(layout.relief, true);
   if (package.hasTails()) {
     std::vector<std::string> problems;
-    const PatchTails tails = package.tails(1, &problems);
+    const PatchTails tails = package.wholeTails(1, &problems);
     require(tails.patches == m.domain.patchCount(), "tails of another number of patches");
     (void)package.tailProblems();
   }

@@ -265,7 +265,7 @@ TEST_F(MeshWatertight, TailsOfOtherHeightsAreSeen) {
   body.artwork.tails = [artwork = body.artwork](int, std::vector<std::string>*) {
     const Manifest& m = artwork.manifest;
     PatchTails tails(m.domain.patchCount(), m.texture.channels());
-    tailsFromPages(*artwork.source, m.texture, true, 0, tails.patches, 2, tails, nullptr);
+    tailsFromPages(*artwork.source, m.texture, true, 0, 2, tails, nullptr);
     for (uint16_t& h : tails.heightsOf(4)) ++h;
     return tails;
   };

@@ -444,7 +444,7 @@ TEST(PatchImages, PagesOfAPackageAreWhatItsImagesShow) {
   EXPECT_EQ(pages, 3 * 1 + 3 * 5 + 2 * 21);
   EXPECT_LE(furthest, static_cast<int>(kTextureTolerance) + 1) << "images are kept within the tolerance";
   // Tails have the light of root pages, in the mean: theirs is a coarser level of the image.
-  const PatchTails tails = package.tails(1, nullptr);
+  const PatchTails tails = package.wholeTails(1, nullptr);
   double furthest_tail = 0, control = 0, before = 0;
   for (uint32_t p = 0; p < domain.patchCount(); p += 3) {
     const auto root = channelsOf(*package.read(PageId(texturePlane(0), {p, 0, 0, 0})));
@@ -480,8 +480,8 @@ TEST(PatchImages, TailsAreMadeOfThem) {
   auto before = *Package::open(options.output);
   EXPECT_EQ(packageVersion(before->header()), 14u);
   EXPECT_EQ(before->shownImages().patches, 8u);
-  const PatchTails tails = package->tails(2, nullptr);
-  PatchTails stored = before->tails(2, nullptr);
+  const PatchTails tails = package->wholeTails(2, nullptr);
+  PatchTails stored = before->wholeTails(2, nullptr);
   const std::vector<SourceImage> images = source.images();
   const ShownImage first(images[0]), second(images[1]);
   const MipFilter mip(source.format());
@@ -529,7 +529,7 @@ TEST(PatchImages, TailsOfDamagedImagesAreNeutral) {
   const std::string path = folder.file("a.relievo");
   ASSERT_TRUE(buildPatchPackage(source, optionsOf(path)).ok());
   const PackageHeader h = (*Package::open(path))->header();
-  PatchTails sound = (*Package::open(path))->tails(1, nullptr);
+  PatchTails sound = (*Package::open(path))->wholeTails(1, nullptr);
   std::vector<uint8_t> neutral(6 * kTailPatchTexels);
   neutralTail(h.texture, neutral);
   for (const bool directory : {false, true}) {
@@ -539,7 +539,7 @@ TEST(PatchImages, TailsOfDamagedImagesAreNeutral) {
     writeAll(folder.file("b.relievo"), bytes);
     const auto damaged = *Package::open(folder.file("b.relievo"));
     std::vector<std::string> problems;
-    PatchTails found = damaged->tails(2, &problems);
+    PatchTails found = damaged->wholeTails(2, &problems);
     uint64_t lost = 0;
     for (uint32_t p = 0; p < 24; ++p) {
       const PatchImage patch = source.imageOf(p);

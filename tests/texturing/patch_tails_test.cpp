@@ -13,11 +13,11 @@
 #include "patch_fixture.h"
 #include "src/artwork/bases/ptm.h"
 #include "tests/view_share.h"
+#include "texturing/package/kept_tails.h"
 #include "texturing/package/package.h"
 #include "texturing/package/package_layout.h"
 #include "texturing/package/package_tails.h"
 #include "texturing/package/patch_package_builder.h"
-#include "texturing/package/patch_tails.h"
 
 namespace relievo {
 namespace patch_tails_test {
@@ -42,6 +42,16 @@ PatchTails noise(uint32_t patches, int channels) {
   for (uint16_t& h : tails.heights) h = static_cast<uint16_t>(random());
   for (uint8_t& t : tails.texels) t = static_cast<uint8_t>(random());
   return tails;
+}
+
+// A patch's block of a level, both planes' words side by side.
+std::vector<uint32_t> twoPlanes(const TailBlocks& blocks, uint32_t patch, int level) {
+  std::vector<uint32_t> one(tailBlockTexels(level)), out(2 * one.size());
+  for (size_t plane = 0; plane < 2; ++plane) {
+    blocks.write(patch, level, static_cast<int>(plane), one.data());
+    for (size_t i = 0; i < one.size(); ++i) out[2 * i + plane] = one[i];
+  }
+  return out;
 }
 
 TEST(PatchTails, heightsAreThePagesSamples) {
@@ -97,11 +107,11 @@ TEST(PatchTails, normalsEndAtCreases) {
           std::fill_n(const_cast<uint8_t*>(tails.level(p, level, c)), side * side, texel[p][static_cast<size_t>(c)]);
         }
     for (const bool has_normals : {true, false}) {
-      const TailBlocks blocks(tails, mesh, {.normals = has_normals});
+      const KeptTails kept(tails);
+      const TailBlocks blocks(kept, mesh, {.normals = has_normals});
       for (int level = 0; level < kTailLevels; ++level)
         for (uint32_t p = 0; p < 2; ++p) {
-          std::vector<uint32_t> words(2 * tailBlockTexels(level));
-          blocks.write(p, level, words.data());
+          const std::vector<uint32_t> words = twoPlanes(blocks, p, level);
           // Beyond the common side, its ends and the corners there.
           const size_t row = tailBlockSide(level), x = p == 0 ? row - 1 : 0;
           for (size_t y = 0; y < row; ++y)
@@ -134,11 +144,11 @@ TEST(PatchTails, coloursEndAtEdges) {
             std::fill_n(tails.level(p, level, c), side * side, texel(p, c));
           }
       for (const GutterEnds ends : {GutterEnds{.colours = true}, GutterEnds{.normals = true}}) {
-        const TailBlocks blocks(tails, mesh, ends);
+        const KeptTails kept(tails);
+        const TailBlocks blocks(kept, mesh, ends);
         const bool ended = ends.colours && std::abs(apart) > 32;
         for (int level = 0; level < kTailLevels; ++level) {
-          std::vector<uint32_t> words(2 * tailBlockTexels(level));
-          blocks.write(0, level, words.data());
+          const std::vector<uint32_t> words = twoPlanes(blocks, 0, level);
           const size_t row = tailBlockSide(level), last = row - 1;
           auto shown = [&](size_t x, size_t y, int c) {
             return static_cast<uint8_t>(words[2 * (y * row + x) + static_cast<size_t>(c / 3)] >> (8 * (c % 3)));
@@ -163,14 +173,13 @@ TEST(PatchTails, tilesAgreeOnSidesAndCorners) {
   for (bool open : {false, true}) {
     const BaseMesh mesh = cubeSphere(3, 50, kSeed, open);
     const PatchTails tails = noise(static_cast<uint32_t>(mesh.patches.size()), 6);
-    const TailBlocks blocks(tails, mesh);
+    const KeptTails kept(tails);
+    const TailBlocks blocks(kept, mesh);
     const auto neighbours = patchNeighbours(mesh);
     std::vector<std::vector<uint32_t>> words(kTailLevels * mesh.patches.size());
     for (uint32_t p = 0; p < mesh.patches.size(); ++p)
       for (int level = 0; level < kTailLevels; ++level) {
-        std::vector<uint32_t>& block = words[kTailLevels * p + static_cast<size_t>(level)];
-        block.resize(tailBlockTexels(level) * 2);
-        blocks.write(p, level, block.data());
+        words[kTailLevels * p + static_cast<size_t>(level)] = twoPlanes(blocks, p, level);
       }
     // From -1 to side.
     auto at = [&](uint32_t p, int plane, int level, int x, int y, int c) {
@@ -232,14 +241,14 @@ TEST(PatchTails, pagesThatCannotBeHadAreNeutralOfWhateverBasis) {
     const TextureFormat format = sampleFormat(basis);
     PatchTails tails(2, format.channels());
     std::vector<std::string> problems;
-    tailsFromPages(NoPages(), format, true, 0, 2, 1, tails, &problems);
+    tailsFromPages(NoPages(), format, true, 0, 1, tails, &problems);
     EXPECT_EQ(problems.size(), 2 * static_cast<size_t>(format.planes() + 1));
     EXPECT_EQ(tails.failures.pages, problems.size());
     EXPECT_EQ(tails.failures.unreadable, problems.size());
     EXPECT_NE(tails.failures.first.find("unreadable"), std::string::npos);
     const std::atomic<bool> stop{true};
     PatchTails stopped(2, format.channels());
-    tailsFromPages(NoPages(), format, true, 0, 2, 2, stopped, nullptr, &stop);
+    tailsFromPages(NoPages(), format, true, 0, 2, stopped, nullptr, &stop);
     EXPECT_EQ(stopped.failures.pages, 0u) << "nothing is read any more";
     std::vector<double> raw;
     for (int c = 0; c < format.channels(); ++c) raw.push_back(tails.level(1, 0, c)[0]);
@@ -386,9 +395,9 @@ TEST_F(TailsOfPackage, areThoseOfItsRootPages) {
   ASSERT_TRUE(package) << refusal_;
   ASSERT_TRUE(package->hasTails());
   std::vector<std::string> problems;
-  const PatchTails read = package->tails(2, &problems);
+  const PatchTails read = package->wholeTails(2, &problems);
   PatchTails made(patches_, package->manifest().texture.channels());
-  tailsFromPages(*package, package->manifest().texture, true, 0, patches_, 2, made, &problems);
+  tailsFromPages(*package, package->manifest().texture, true, 0, 2, made, &problems);
   EXPECT_TRUE(problems.empty()) << problems.front();
   EXPECT_TRUE(read == made);
   EXPECT_TRUE(package->tailProblems().empty());
@@ -425,10 +434,10 @@ TEST_F(TailsOfPackage, hostileHeaderFieldsAreRefusedByName) {
 
 // The package opens, says what is wrong, and shows what its root pages tell.
 TEST_F(TailsOfPackage, damagedTheyAreMadeOfThePagesAndNamed) {
-  const PatchTails sound = open(bytes_)->tails(1, nullptr);
+  const PatchTails sound = open(bytes_)->wholeTails(1, nullptr);
   EXPECT_EQ(sound.failures.pages, 0u);
   const std::atomic<bool> stop{true};
-  EXPECT_FALSE(open(bytes_)->tails(1, nullptr, &stop) == sound) << "interrupted";
+  EXPECT_FALSE(open(bytes_)->wholeTails(1, nullptr, &stop) == sound) << "interrupted";
   const uint64_t first_chunk = loadLittle<uint64_t>(bytes_.data() + header_.tails_offset + kTailsHeadBytes);
   const struct {
     const char* what;
@@ -473,7 +482,7 @@ TEST_F(TailsOfPackage, damagedTheyAreMadeOfThePagesAndNamed) {
     EXPECT_FALSE(verified->other.empty()) << c.what;
     if (k == 1 && !test::longTests()) continue;
     std::vector<std::string> said;
-    EXPECT_TRUE(package->tails(2, &said) == sound) << c.what;
+    EXPECT_TRUE(package->wholeTails(2, &said) == sound) << c.what;
     ASSERT_FALSE(said.empty()) << c.what;
   }
 }
@@ -488,7 +497,7 @@ TEST(TailsUnderPages, damagedTheyAndTheRootPagesAreNamedAndCounted) {
   ASSERT_TRUE(buildPatchPackage(source, options).ok());
   auto bytes = readAll(options.output);
   const auto sound = *Package::open(options.output);
-  const PatchTails tails = sound->tails(1, nullptr);
+  const PatchTails tails = sound->wholeTails(1, nullptr);
   const uint64_t chunk = loadLittle<uint64_t>(bytes.data() + sound->header().tails_offset + kTailsHeadBytes);
   bytes[chunk + 100] ^= 1;
   writeAll(folder.file("damaged.relievo"), bytes);
@@ -501,7 +510,7 @@ TEST(TailsUnderPages, damagedTheyAndTheRootPagesAreNamedAndCounted) {
       << page.error().text();
   EXPECT_TRUE(damaged->read(other)->bytes == sound->read(other)->bytes) << "of another chunk";
   std::vector<std::string> said;
-  const PatchTails made = damaged->tails(2, &said);
+  const PatchTails made = damaged->wholeTails(2, &said);
   EXPECT_EQ(made.failures.pages, kTailsChunkPatches);
   ASSERT_FALSE(said.empty());
   EXPECT_EQ(made.heights[kTailsChunkPatches * kTailHeights], tails.heights[kTailsChunkPatches * kTailHeights]);

@@ -196,12 +196,11 @@ std::set<uint32_t> around(const BaseMesh& base, uint32_t patch) {
 // leaves none out, in real numbers; by plane.
 std::array<double, 2> furthestOff(const Package& package, const Package& whole) {
   const Manifest& m = package.manifest();
-  const PatchTails tails = package.tails(1, nullptr);
+  const KeptTails tails(package.wholeTails(1, nullptr), 0);
   const TailBlocks blocks(tails, *m.base, {.colours = m.tail_edges, .normals = hasNormals(m.texture)});
-  const auto planes = static_cast<size_t>(m.texture.planes());
   PageDecoder decoder;
   std::vector<uint8_t> fine(kSlotBytes), coarse(kSlotBytes);
-  std::vector<uint32_t> words(tailBlockTexels(0) * planes);
+  std::vector<uint32_t> words(tailBlockTexels(0));
   std::array<double, 2> furthest{};
   for (int level = 0; level <= m.domain.texture_depth; ++level)
     forEachNode(m.domain, level, [&](const NodeId& node) {
@@ -221,12 +220,12 @@ std::array<double, 2> furthestOff(const Package& package, const Package& whole) 
           x0 -= shown->x * 128.0 * ratio, y0 -= shown->y * 128.0 * ratio;
           stride = kPageFullPx, border = kPageBorderPx;
         } else {
-          blocks.write(node.patch, 0, words.data());
+          blocks.write(node.patch, 0, plane, words.data());
         }
         auto texel = [&](int64_t x, int64_t y, int c) -> double {
           const size_t at = static_cast<size_t>(y) * stride + static_cast<size_t>(x);
           if (shown) return coarse[4 * at + static_cast<size_t>(c)];
-          return words[at * planes + static_cast<size_t>(plane)] >> (8 * c) & 255;
+          return words[at] >> (8 * c) & 255;
         };
         for (int j = -1; j <= kPagePx; ++j)
           for (int i = -1; i <= kPagePx; ++i)
@@ -337,7 +336,7 @@ TEST(TextureDepths, PackagesLeaveOutWhatShowsAnywayAndNothingElse) {
   });
   EXPECT_GT(coarse, 10);
   EXPECT_GT(hardly, 0) << "control: a quarter of the tolerance would not be kept";
-  const PatchTails tails = package->tails(2, nullptr), exact_tails = whole->tails(2, nullptr);
+  const PatchTails tails = package->wholeTails(2, nullptr), exact_tails = whole->wholeTails(2, nullptr);
   EXPECT_TRUE(tails.heights == exact_tails.heights);
   int changed = 0;
   for (size_t i = 0; i < tails.texels.size(); ++i) {
@@ -423,7 +422,7 @@ TEST(TextureDepths, TailsThatAreNotRoundedAreSeenFromTheirNeighbours) {
              package = built(folder.file("a.relievo"), source, kTolerance);
   EXPECT_LE(furthestOff(*package, *whole)[0], kTolerance);
   EXPECT_TRUE(package->manifest().domain.hasUntexturedPatch());
-  EXPECT_FALSE(package->tails(1, nullptr) == whole->tails(1, nullptr)) << "control: some are rounded";
+  EXPECT_FALSE(package->wholeTails(1, nullptr) == whole->wholeTails(1, nullptr)) << "control: some are rounded";
 }
 
 // A ball whose colours are waves of some 50 root texels; every third patch has a pattern of 2 finest texels besides,
@@ -533,7 +532,7 @@ TEST(TextureDepths, APatchMayBeToldInItsTailsTexelsAlone) {
              rounded = built(folder.file("rounded.relievo"), source, kTolerance),
              all_levels = built(folder.file("all.relievo"), source, -1);
   const PatchDomain& d = package->manifest().domain;
-  const PatchTails tails = package->tails(1, nullptr), rounded_tails = rounded->tails(1, nullptr);
+  const PatchTails tails = package->wholeTails(1, nullptr), rounded_tails = rounded->wholeTails(1, nullptr);
   std::vector<uint8_t> told(6 * kTailTexels * kTailTexels), slot(kSlotBytes);
   PageDecoder decoder;
   int changed = 0;
@@ -625,7 +624,7 @@ TEST(TextureDepths, VersionsFourAndFiveHoldTheSameTails) {
     EXPECT_EQ(packageVersion(ten->header()), 10u);
     EXPECT_TRUE(*ten->manifest().base == *now->manifest().base);
     EXPECT_TRUE(ten->manifest().coarse_errors == now->manifest().coarse_errors);
-    EXPECT_TRUE(now->tails(1, nullptr) == ten->tails(1, nullptr));
+    EXPECT_TRUE(now->wholeTails(1, nullptr) == ten->wholeTails(1, nullptr));
     EXPECT_EQ(six->tailProblems(), now->tailProblems());
     EXPECT_TRUE(six->manifest().coarse_errors == now->manifest().coarse_errors);
     EXPECT_TRUE(six->manifest().coarse_shapes == now->manifest().coarse_shapes);
@@ -634,8 +633,8 @@ TEST(TextureDepths, VersionsFourAndFiveHoldTheSameTails) {
     EXPECT_EQ(packageVersion(older->header()), tolerance < 0 ? 4u : 5u);
     EXPECT_EQ(nlohmann::json::parse(older->manifestJson())["version"], tolerance < 0 ? 4 : 5);
     EXPECT_TRUE(now->tailProblems().empty() && older->tailProblems().empty());
-    EXPECT_TRUE(now->tails(1, nullptr) == older->tails(1, nullptr));
-    EXPECT_TRUE(now->tails(1, nullptr) == nine->tails(1, nullptr));
+    EXPECT_TRUE(now->wholeTails(1, nullptr) == older->wholeTails(1, nullptr));
+    EXPECT_TRUE(now->wholeTails(1, nullptr) == nine->wholeTails(1, nullptr));
     EXPECT_LT(nine->fileBytes(), older->fileBytes());
     EXPECT_LT(now->fileBytes(), nine->fileBytes());
     for (const auto& package : {now, older}) {
@@ -896,14 +895,14 @@ TEST_F(DepthsOfPackage, depthsThatDoNotFitAreRefused) {
 TEST_F(DepthsOfPackage, damagedTailsOfPatchesWithoutPagesAreCounted) {
   auto package = *Package::open(path_);
   std::vector<std::string> problems;
-  EXPECT_EQ(package->tails(1, &problems).failures.pages, 0u);
+  EXPECT_EQ(package->tails(1, &problems).failures().pages, 0u);
   EXPECT_TRUE(problems.empty());
   // The first chunk lies behind the pages.
   bytes_[header_.pages_offset + header_.pages_bytes + 100] ^= 1;
   writeAll(damaged_, bytes_);
   package = *Package::open(damaged_);
   const PatchDomain& d = package->manifest().domain;
-  const PatchTails tails = package->tails(1, &problems);
+  const PatchTails tails = package->wholeTails(1, &problems);
   const auto bare = d.patchCount() - d.texturedNodeCount(0);
   EXPECT_EQ(tails.failures.pages, 2 * bare) << "a plane of each patch that has nothing else";
   EXPECT_GE(problems.size(), 1 + 2 * bare);

@@ -19,10 +19,10 @@
 #include "src/artwork/patch_domain.h"
 #include "src/base/result.h"
 #include "texturing/codec/page_encoding.h"
+#include "texturing/package/kept_tails.h"
 #include "texturing/package/page_failures.h"
 #include "texturing/package/page_source.h"
 #include "texturing/package/patch_source.h"
-#include "texturing/package/patch_tails.h"
 #include "texturing/package/raster_source.h"
 
 namespace relievo {
@@ -112,7 +112,11 @@ class Package final : public PageSource {
   // of these, which are read for it. False: the package has none (an older one, or a flat artwork).
   bool hasTails() const;
   // Ends soon after *stop is set (it may be null); what it answers then is not to be used.
-  PatchTails tails(int workers, std::vector<std::string>* problems, const std::atomic<bool>* stop = nullptr) const;
+  // tolerance: KeptTails'.
+  KeptTails tails(int workers, std::vector<std::string>* problems, const std::atomic<bool>* stop = nullptr,
+                  int tolerance = kTailTolerance) const;
+  // The same with all levels, patch by patch.
+  PatchTails wholeTails(int workers, std::vector<std::string>* problems, const std::atomic<bool>* stop = nullptr) const;
   // Calls problem(error) for each damaged part of the tails, as it is found, until *stop is set. Does nothing where the
   // package has no tails.
   void checkTails(const std::function<void(const Error&)>& problem, const std::atomic<bool>* stop = nullptr) const;

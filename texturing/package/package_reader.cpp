@@ -270,34 +270,30 @@ struct Package::Impl {
     }
     return shown;
   }
-  // Makes the tails that are made of images; those of damaged ones become neutral.
-  void showTails(int workers, PatchTails& tails, std::vector<std::string>* problems,
-                 const std::atomic<bool>* stop) const {
-    if (!header.image_tails) return;
-    std::vector<std::optional<Error>> failed(images.images.size());
-    parallelFor(failed.size(), std::max(workers, 1), stop, [&](size_t i) {
-      if (auto image = shownImage(i); !image) failed[i] = image.error();
+  // Images that tails are made of, by number: why one cannot be had. Read before the tails are.
+  using LostImages = std::vector<std::optional<Error>>;
+  LostImages readImagesOfTails(int workers, std::vector<std::string>* problems, const std::atomic<bool>* stop) const {
+    LostImages lost(header.image_tails ? images.images.size() : 0);
+    parallelFor(lost.size(), std::max(workers, 1), stop, [&](size_t i) {
+      if (auto image = shownImage(i); !image) lost[i] = image.error();
     });
     if (problems)
-      for (const auto& error : failed)
+      for (const auto& error : lost)
         if (error) problems->push_back(error->text() + " (neutral texels stand in)");
-    const MipFilter mip(header.texture);
-    auto lost = [&](const PatchImage& patch) -> const std::optional<Error>& {
-      return failed[patch.image[0]] ? failed[patch.image[0]] : failed[patch.image[1]];
-    };
-    parallelFor(images.of_patch.size(), std::max(workers, 1), stop, [&](size_t p) {
-      const PatchImage& patch = images.of_patch[p];
-      if (!patch.shows() || lost(patch)) return;
-      if (auto shown = imagesOf(patch); shown)
-        tailOfImages(patch, {(*shown)[0].get(), (*shown)[1].get()}, mip, tails.texelsOf(static_cast<uint32_t>(p)));
-    });
-    std::vector<uint8_t> neutral(tails.patchTexels());
-    neutralTail(header.texture, neutral);
-    for (uint32_t p = 0; p < images.of_patch.size(); ++p) {
-      if (!images.of_patch[p].shows()) continue;
-      if (const auto& error = lost(images.of_patch[p])) {
-        std::copy(neutral.begin(), neutral.end(), tails.texelsOf(p).begin());
-        tails.failures.add(PageId(texturePlane(0), {p, 0, 0, 0}), *error);
+    return lost;
+  }
+  // Makes those of the tails of patches from `first` on that are made of images; where these are lost they become
+  // neutral.
+  void showTails(uint32_t first, const MipFilter& mip, const LostImages& lost, PatchTails& tails) const {
+    if (!header.image_tails) return;
+    for (uint32_t i = 0; i < tails.patches && first + i < images.of_patch.size(); ++i) {
+      const PatchImage& patch = images.of_patch[first + i];
+      if (!patch.shows()) continue;
+      if (const auto& error = lost[patch.image[0]] ? lost[patch.image[0]] : lost[patch.image[1]]) {
+        neutralTail(header.texture, tails.texelsOf(i));
+        tails.failures.add(PageId(texturePlane(0), {first + i, 0, 0, 0}), *error);
+      } else if (auto shown = imagesOf(patch)) {
+        tailOfImages(patch, {(*shown)[0].get(), (*shown)[1].get()}, mip, tails.texelsOf(i));
       }
     }
   }
@@ -431,14 +427,20 @@ struct Package::Impl {
       return damagedTails(chunk, first, count, " are damaged: their checksum does not match");
     return bytes;
   }
-  // The chunk of patches first .. first + count, as those from `into` on.
-  Result<void> readTails(const TailsChunk& chunk, uint32_t first, uint32_t count, PatchTails& tails,
-                         uint32_t into) const {
+  // The chunk of patches first .. first + tails.patches.
+  Result<void> readTails(const TailsChunk& chunk, uint32_t first, PatchTails& tails) const {
+    const uint32_t count = tails.patches;
     auto bytes = readTailsChunk(chunk, first, count);
     if (!bytes) return bytes.error();
-    auto decoded = decodeTailsChunk(*bytes, into, count, tailsStorage(header), tailsCorners(first, count), tails);
+    auto decoded = decodeTailsChunk(*bytes, 0, count, tailsStorage(header), tailsCorners(first, count), tails);
     return decoded ? decoded : damagedTails(chunk, first, count, " are damaged: " + decoded.error().message);
   }
+
+  // take(first, tails) on several threads, for each chunk of patches. What cannot be read is made of root pages, and
+  // named in problems.
+  template <class Take>
+  void forTails(const Package& package, int workers, std::vector<std::string>* problems, const std::atomic<bool>* stop,
+                Take&& take) const;
 
   // What the header does not hold: where the data came from.
   Result<void> readManifest() {
@@ -590,29 +592,56 @@ void Package::checkImages(const std::function<void(const Error&)>& problem, cons
 
 bool Package::hasTails() const { return impl_->header.tails_bytes > 0; }
 
-PatchTails Package::tails(int workers, std::vector<std::string>* problems, const std::atomic<bool>* stop) const {
-  const Manifest& m = manifest();
-  PatchTails out(m.domain.patchCount(), m.texture.channels());
-  std::mutex mutex;
-  auto instead = [&](uint32_t first, uint32_t count, const Error& error) {
-    std::lock_guard lock(mutex);
-    const bool over_tails = impl_->header.coded_index;  // what root pages lack of their heights is lost, too
+template <class Take>
+void Package::Impl::forTails(const Package& package, int workers, std::vector<std::string>* problems,
+                             const std::atomic<bool>* stop, Take&& take) const {
+  const uint32_t patches = header.domain.patchCount();
+  std::mutex reading;
+  auto name = [&](const Error& error) {
+    const bool over_tails = header.coded_index;  // what root pages lack of their heights is lost, too
     if (problems)
       problems->push_back(error.text() +
                           (over_tails ? " (texels are made of the root pages)" : " (made of the root pages)"));
-    tailsFromPages(*this, m.texture, true, first, count, 1, out, problems, stop);
   };
-  if (auto chunks = impl_->tailsDirectory(); chunks) {
-    parallelFor(chunks->size(), std::max(workers, 1), stop, [&](size_t i) {
-      const auto first = static_cast<uint32_t>(i) * kTailsChunkPatches,
-                 count = std::min(kTailsChunkPatches, out.patches - first);
-      if (auto read = impl_->readTails((*chunks)[i], first, count, out, first); !read)
-        instead(first, count, read.error());
-    });
-  } else {
-    instead(0, out.patches, chunks.error());
-  }
-  impl_->showTails(workers, out, problems, stop);
+  const LostImages lost = readImagesOfTails(workers, problems, stop);
+  const MipFilter mip(header.texture);
+  const auto chunks = tailsDirectory();
+  if (!chunks) name(chunks.error());
+  parallelFor(tailsChunks(patches), std::max(workers, 1), stop, [&](size_t i) {
+    const auto first = static_cast<uint32_t>(i) * kTailsChunkPatches;
+    PatchTails part(std::min(kTailsChunkPatches, patches - first), header.texture.channels());
+    const auto read = chunks ? readTails((*chunks)[i], first, part) : Result<void>(chunks.error());
+    if (!read) {
+      std::lock_guard lock(reading);
+      if (chunks) name(read.error());
+      tailsFromPages(package, header.texture, true, first, 1, part, problems, stop);
+    }
+    showTails(first, mip, lost, part);
+    take(first, part);
+  });
+}
+
+KeptTails Package::tails(int workers, std::vector<std::string>* problems, const std::atomic<bool>* stop,
+                         int tolerance) const {
+  KeptTails out(manifest().domain.patchCount(), manifest().texture.channels(), tolerance);
+  std::mutex mutex;
+  impl_->forTails(*this, workers, problems, stop, [&](uint32_t first, const PatchTails& part) {
+    out.keep(first, part);
+    std::lock_guard lock(mutex);
+    out.addFailures(part.failures);
+  });
+  return out;
+}
+
+PatchTails Package::wholeTails(int workers, std::vector<std::string>* problems, const std::atomic<bool>* stop) const {
+  PatchTails out(manifest().domain.patchCount(), manifest().texture.channels());
+  std::mutex mutex;
+  impl_->forTails(*this, workers, problems, stop, [&](uint32_t first, const PatchTails& part) {
+    std::copy(part.heights.begin(), part.heights.end(), out.heightsOf(first).begin());
+    std::copy(part.texels.begin(), part.texels.end(), out.texelsOf(first).begin());
+    std::lock_guard lock(mutex);
+    out.failures.add(part.failures);
+  });
   return out;
 }
 
@@ -648,7 +677,7 @@ void Package::checkTails(const std::function<void(const Error&)>& problem, const
     const TailsChunk& chunk = (*chunks)[i];
     const uint32_t count = std::min(kTailsChunkPatches, m.domain.patchCount() - i * kTailsChunkPatches);
     PatchTails part(count, m.texture.channels());
-    auto read = impl_->readTails(chunk, i * kTailsChunkPatches, count, part, 0);
+    auto read = impl_->readTails(chunk, i * kTailsChunkPatches, part);
     if (!read) {
       problem(read.error());
     } else if (chunk.offset != expected) {

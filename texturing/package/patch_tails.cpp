@@ -9,7 +9,6 @@
 #include "texturing/codec/neutral_page.h"
 #include "texturing/codec/page_codec.h"
 #include "texturing/codec/resolve.h"
-#include "texturing/package/crease_gutter.h"
 #include "texturing/package/package_layout.h"
 
 namespace relievo {
@@ -52,8 +51,8 @@ void neutralTail(const TextureFormat& format, std::span<uint8_t> out) {
     for (const uint8_t value : texel) to = std::fill_n(to, PatchTails::side(level) * PatchTails::side(level), value);
 }
 
-void tailsFromPages(const PageSource& source, const TextureFormat& format, bool relief, uint32_t first, uint32_t count,
-                    int workers, PatchTails& tails, std::vector<std::string>* problems, const std::atomic<bool>* stop) {
+void tailsFromPages(const PageSource& source, const TextureFormat& format, bool relief, uint32_t first, int workers,
+                    PatchTails& tails, std::vector<std::string>* problems, const std::atomic<bool>* stop) {
   const MipFilter mip(format);
   std::mutex mutex;
   struct Buffers {
@@ -67,11 +66,12 @@ void tailsFromPages(const PageSource& source, const TextureFormat& format, bool 
                    std::vector<uint8_t>(static_cast<size_t>(format.channels()) * kPagePx * kPagePx),
                    std::vector<uint16_t>(kReliefPageSamples)};
   };
-  parallelForWith(count, std::max(workers, 1), stop, makeBuffers, [&](Buffers& b, size_t i) {
+  parallelForWith(tails.patches, std::max(workers, 1), stop, makeBuffers, [&](Buffers& b, size_t i) {
     PageDecoder& decoder = b.decoder;
     std::vector<uint8_t>&slot = b.slot, &root = b.root;
     std::vector<uint16_t>& samples = b.samples;
-    const uint32_t patch = first + static_cast<uint32_t>(i);
+    const auto at = static_cast<uint32_t>(i);
+    const uint32_t patch = first + at;
     auto loadOnce = [&](PageId id) -> Result<void> {
       auto page = source.read(id);
       return page ? decoder.decodeToSlot(id.plane(), page->bytes, slot) : Result<void>(page.error());
@@ -91,7 +91,7 @@ void tailsFromPages(const PageSource& source, const TextureFormat& format, bool 
     if (relief) {
       load(PageId(Plane::kRelief, {patch, 0, 0, 0}));
       reliefSamples(slot, samples);
-      tailHeights(samples, tails.heightsOf(patch));
+      tailHeights(samples, tails.heightsOf(at));
     }
     for (int plane = 0; plane < format.planes(); ++plane) {
       load(PageId(texturePlane(plane), {patch, 0, 0, 0}));
@@ -102,7 +102,7 @@ void tailsFromPages(const PageSource& source, const TextureFormat& format, bool 
           for (size_t x = 0; x < kPagePx; ++x) *to++ = row[4 * x];
         }
     }
-    tailTexels(mip, root, tails.texelsOf(patch));
+    tailTexels(mip, root, tails.texelsOf(at));
   });
   if (problems) std::sort(problems->begin(), problems->end());
 }
@@ -147,96 +147,6 @@ PatchTails resolvedTails(const PatchTails& tails, const TextureFormat& format, c
       });
   }
   return out;
-}
-
-TailBlocks::TailBlocks(const PatchTails& tails, const BaseMesh& base, GutterEnds ends)
-    : tails_(tails),
-      base_(base),
-      ends_(ends),
-      neighbours_(patchNeighbours(base)),
-      first_(base.corners.size() + 1, 0),
-      at_(base.patches.size() * 4) {
-  for (const auto& patch : base.patches)
-    for (uint32_t corner : patch) ++first_[corner + 1];
-  for (size_t i = 1; i < first_.size(); ++i) first_[i] += first_[i - 1];
-  std::vector<uint32_t> next(first_.begin(), first_.end() - 1);
-  for (uint32_t i = 0; i < at_.size(); ++i) at_[next[base.patches[i / 4][i % 4]]++] = i;
-}
-
-std::array<uint8_t, 3> TailBlocks::threeAt(uint32_t patch, int level, size_t first_channel, size_t texel) const {
-  std::array<uint8_t, 3> out;
-  for (size_t c = 0; c < 3; ++c) out[c] = tails_.level(patch, level, static_cast<int>(first_channel + c))[texel];
-  return out;
-}
-
-// As a page's border has it: what makes the mean of the four texels around the corner the same from all patches that
-// meet there.
-uint8_t TailBlocks::beyondCorner(uint32_t patch, size_t k, int level, int channel) const {
-  const uint32_t corner = base_.patches[patch][k];
-  const size_t last = static_cast<size_t>(PatchTails::side(level) - 1), side = last + 1;
-  auto texelAt = [&](size_t slot) { return (slot / 2) * last * side + (slot % 2) * last; };
-  auto cornerTexel = [&](uint32_t p, size_t slot) { return tails_.level(p, level, channel)[texelAt(slot)]; };
-  size_t sum = 0;
-  const size_t meet = first_[corner + 1] - first_[corner];
-  const size_t three = GutterEnds::firstOf(static_cast<size_t>(channel));
-  for (uint32_t i = first_[corner]; ends_.anyOf(three) && i < first_[corner + 1]; ++i)
-    if (ends_.between(three, threeAt(patch, level, three, texelAt(k)),
-                      threeAt(at_[i] / 4, level, three, texelAt(at_[i] % 4))))
-      return cornerTexel(patch, k);
-  for (uint32_t i = first_[corner]; i < first_[corner + 1]; ++i) sum += cornerTexel(at_[i] / 4, at_[i] % 4);
-  const int four_means = static_cast<int>((8 * sum + meet) / (2 * meet));
-  // Across the two sides that end here.
-  auto across = [&](size_t s) -> int {
-    const PatchNeighbour& n = neighbours_[patch][s];
-    if (n.patch == PatchNeighbour::kNone) return cornerTexel(patch, k);
-    const bool at_end = s == kLeft || s == kRight ? k / 2 : k % 2;
-    const size_t t = at_end != n.reversed ? last : 0;
-    const bool upright = n.side == kLeft || n.side == kRight;
-    const size_t edge = n.side == kRight || n.side == kBottom ? last : 0;
-    return tails_.level(n.patch, level, channel)[upright ? t * side + edge : edge * side + t];
-  };
-  const int x = across(k % 2 ? kRight : kLeft), y = across(k / 2 ? kBottom : kTop);
-  return static_cast<uint8_t>(std::clamp(four_means - cornerTexel(patch, k) - x - y, 0, 255));
-}
-
-void TailBlocks::write(uint32_t patch, int level, uint32_t* out) const {
-  const int side = PatchTails::side(level), last = side - 1;
-  const size_t planes = static_cast<size_t>(tails_.channels) / 3, row = tailBlockSide(level);
-  std::fill_n(out, tailBlockTexels(level) * planes, 0u);
-  std::array<std::array<bool, kTailTexels>, 4> ended{};  // by side, the texels beyond which these three channels end
-  for (int channel = 0; channel < tails_.channels; ++channel) {
-    const uint8_t* own = tails_.level(patch, level, channel);
-    auto put = [&](int x, int y, uint8_t value) {  // from -1 on
-      out[(static_cast<size_t>(y + 1) * row + static_cast<size_t>(x + 1)) * planes +
-          static_cast<size_t>(channel / 3)] |= uint32_t{value} << (8 * (channel % 3));
-    };
-    for (int y = 0; y < side; ++y)
-      for (int x = 0; x < side; ++x) put(x, y, own[y * side + x]);
-    for (size_t s = 0; s < 4; ++s) {
-      const PatchNeighbour& n = neighbours_[patch][s];
-      const bool upright = s == kLeft || s == kRight;
-      const int edge = s == kRight || s == kBottom ? last : 0,
-                beyond = edge == 0 && (s == kLeft || s == kTop) ? -1 : side;
-      const uint8_t* from = n.patch == PatchNeighbour::kNone ? own : tails_.level(n.patch, level, channel);
-      const size_t their_side = n.patch == PatchNeighbour::kNone ? s : static_cast<size_t>(n.side);
-      const bool reversed = n.patch != PatchNeighbour::kNone && n.reversed;
-      const bool their_upright = their_side == kLeft || their_side == kRight;
-      const int their_edge = their_side == kRight || their_side == kBottom ? last : 0;
-      for (int i = 0; i < side; ++i) {
-        const int t = reversed ? last - i : i;
-        const auto theirs = static_cast<size_t>(their_upright ? t * side + their_edge : their_edge * side + t),
-                   nearest = static_cast<size_t>(upright ? i * side + edge : edge * side + i);
-        bool& end = ended[s][static_cast<size_t>(i)];
-        if (const auto first = static_cast<size_t>(channel); first % 3 == 0)
-          end = n.patch != PatchNeighbour::kNone && ends_.anyOf(first) &&
-                ends_.between(first, threeAt(patch, level, first, nearest), threeAt(n.patch, level, first, theirs));
-        const uint8_t value = end ? own[nearest] : from[theirs];
-        if (upright) put(beyond, i, value);
-        else put(i, beyond, value);
-      }
-    }
-    for (size_t k = 0; k < 4; ++k) put(k % 2 ? side : -1, k / 2 ? side : -1, beyondCorner(patch, k, level, channel));
-  }
 }
 
 }  // namespace relievo

@@ -13,7 +13,8 @@
 //
 // On the GPU a patch's tail is a block of texels a level (32 bits a plane), with a border of one texel from the patches
 // that it meets, so that bilinear filters show no seam; and 17 x 17 heights (16 bits), of which the four at the corners
-// lie together, too. tailGpuBytes() says what that takes.
+// lie together, too. tailGpuBytes() says what that takes at most: levels that a coarser one shows as well are left out
+// (kept_tails.h).
 #pragma once
 
 #include <array>
@@ -23,11 +24,9 @@
 #include <string>
 #include <vector>
 
-#include "src/artwork/base_mesh.h"
 #include "src/artwork/basis.h"
 #include "src/base/result.h"
 #include "texturing/codec/mip.h"
-#include "texturing/package/crease_gutter.h"
 #include "texturing/package/page_failures.h"
 #include "texturing/package/page_source.h"
 
@@ -84,12 +83,11 @@ void tailTexels(const MipFilter& mip, std::span<const uint8_t> texels,
 // Of a patch of which nothing is known, as neutral_page.h has pages.
 void neutralTail(const TextureFormat& format, std::span<uint8_t> out /* kTailPatchTexels a channel */);
 
-// Reads the root pages of patches first .. first + count and makes their tails of them. A page that cannot be had
+// Reads the root pages of patches first .. first + tails.patches and makes `tails` of them. A page that cannot be had
 // counts as a neutral one and is named in `problems`, which may be null, and counted in tails.failures. Ends soon after
 // *stop is set (it may be null).
-void tailsFromPages(const PageSource& source, const TextureFormat& format, bool relief, uint32_t first, uint32_t count,
-                    int workers, PatchTails& tails, std::vector<std::string>* problems,
-                    const std::atomic<bool>* stop = nullptr);
+void tailsFromPages(const PageSource& source, const TextureFormat& format, bool relief, uint32_t first, int workers,
+                    PatchTails& tails, std::vector<std::string>* problems, const std::atomic<bool>* stop = nullptr);
 
 // Coefficients evaluated for a fixed light, as resolve.h does it for pages: three channels. The heights are left out.
 PatchTails resolvedTails(const PatchTails& tails, const TextureFormat& format, const std::array<double, 3>& light);
@@ -101,29 +99,10 @@ inline constexpr std::array<size_t, kTailLevels + 1> kTailBlockAt{0, 324, 424, 4
 inline constexpr size_t kTailBlockHeights =
     4 + kTailHeights;  // those at the corners are there twice: they are all that a patch of one cell takes
 inline constexpr uint64_t tailGpuBytes(uint64_t patches, uint64_t planes) {
-  return patches * (planes * 4 * kTailBlockAt[kTailLevels] + 2 * kTailBlockHeights);
+  return patches * (planes * 4 * (1 + kTailBlockAt[kTailLevels]) + 2 * kTailBlockHeights);
 }
 
 // Of all planes one: three channels. The heights are left out.
 PatchTails planeOfTails(const PatchTails& tails, int plane);
-
-// Blocks of patches of a base mesh; const and thread-safe.
-class TailBlocks {
- public:
-  // Both outlive it.
-  TailBlocks(const PatchTails& tails, const BaseMesh& base, GutterEnds ends = {});
-  // Rows of texels, each a word a plane: channels 3 * plane .. 3 * plane + 2, the first in the lowest byte.
-  void write(uint32_t patch, int level, uint32_t* out /* tailBlockTexels(level) * planes */) const;
-
- private:
-  uint8_t beyondCorner(uint32_t patch, size_t corner, int level, int channel) const;
-  std::array<uint8_t, 3> threeAt(uint32_t patch, int level, size_t first_channel, size_t texel) const;
-  const PatchTails& tails_;
-  const BaseMesh& base_;
-  GutterEnds ends_;
-  std::vector<PatchNeighbours> neighbours_;
-  std::vector<uint32_t> first_,
-      at_;  // the corners of patches that meet at corner c of the mesh: at_[first_[c]] .. as patch * 4 + corner
-};
 
 }  // namespace relievo

@@ -58,7 +58,7 @@ uint64_t TexturePages::bytes(const Manifest& m) {
 
 const TexturePages::Tails& TexturePages::tails() const {
   std::call_once(once_, [&] {
-    tails_.tails = package_->tails(1, nullptr);
+    tails_.tails = package_->tails(1, nullptr, nullptr, 0);
     const Manifest& m = package_->manifest();
     tails_.blocks.emplace(tails_.tails, *m.base, GutterEnds{.colours = m.tail_edges, .normals = hasNormals(m.texture)});
   });
@@ -89,20 +89,18 @@ Result<void> TexturePages::read(PageId id, PageDecoder& decoder, std::span<uint8
 
 Result<void> TexturePages::fromTail(PageId id, std::span<uint8_t> slot) const {
   const NodeId node = id.node();
-  const auto plane = static_cast<size_t>(texturePlaneIndex(id.plane())),
-             planes = static_cast<size_t>(package_->manifest().texture.planes());
   const Tails& all = tails();
-  if (all.tails.failures.pages > 0)
+  if (all.tails.failures().pages > 0)
     return Error{ErrorKind::kInvalidData,
                  package_->path(),
                  "the tail of page " + describePage(id) + " may be damaged, and it has nothing else",
                  "rebuild the package, or get a whole copy",
                  {}};
-  std::vector<uint32_t> words(tailBlockTexels(0) * planes);
-  all.blocks->write(node.patch, 0, words.data());
+  std::vector<uint32_t> words(tailBlockTexels(0));
+  all.blocks->write(node.patch, 0, texturePlaneIndex(id.plane()), words.data());
   std::vector<uint8_t> rgba(4 * tailBlockTexels(0));
   for (size_t i = 0; i < tailBlockTexels(0); ++i)
-    for (size_t c = 0; c < 3; ++c) rgba[4 * i + c] = static_cast<uint8_t>(words[i * planes + plane] >> (8 * c));
+    for (size_t c = 0; c < 3; ++c) rgba[4 * i + c] = static_cast<uint8_t>(words[i] >> (8 * c));
   interpolate({rgba.data(), static_cast<int>(tailBlockSide(0)), 1}, int64_t{node.x} * kPagePx - kPageBorderPx,
               int64_t{node.y} * kPagePx - kPageBorderPx,
               std::ldexp(double{kPagePx} / kTailTexels, static_cast<int>(node.level)), slot);

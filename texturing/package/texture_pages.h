@@ -10,8 +10,8 @@
 #include <span>
 
 #include "texturing/codec/page_codec.h"
+#include "texturing/package/kept_tails.h"
 #include "texturing/package/package.h"
-#include "texturing/package/patch_tails.h"
 
 namespace relievo {
 
@@ -20,12 +20,12 @@ class TexturePages {
   explicit TexturePages(std::shared_ptr<const Package> package);
   // A page of a node of level 0 .. texture_depth, as PageDecoder::decodeToSlot() has it (kSlotBytes).
   Result<void> read(PageId id, PageDecoder& decoder, std::span<uint8_t> slot) const;
-  // What it keeps once a patch without pages was read: all patches' tails.
+  // What it keeps at most once a patch without pages was read: all patches' tails.
   static uint64_t bytes(const Manifest& manifest);
 
  private:
   struct Tails {
-    PatchTails tails;
+    KeptTails tails;
     std::optional<TailBlocks> blocks;
   };
   const Tails& tails() const;

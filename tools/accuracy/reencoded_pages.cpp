@@ -105,8 +105,8 @@ Result<Artwork> artworkOf(std::shared_ptr<const Package> package, const Accuracy
   if (artwork.tails)
     artwork.tails = [tails = std::move(artwork.tails), bits = setting.relief_bits](int workers,
                                                                                    std::vector<std::string>* problems) {
-      PatchTails out = tails(workers, problems);
-      for (uint16_t& height : out.heights) height = roundedHeight(height, bits);
+      KeptTails out = tails(workers, problems);
+      out.changeHeights([&](uint16_t height) { return roundedHeight(height, bits); });
       return out;
     };
   return artwork;
