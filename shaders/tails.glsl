@@ -16,7 +16,7 @@ const float kTailFinest = 3.0;  // texture levels between the root's texels and 
 uniform TAIL_TABLE u_tails;
 uniform uvec4 u_tail_first[TAIL_GROUPS];  // where a group's levels begin
 uniform uvec4 u_tail_held[TAIL_GROUPS];   // how many patches have them
-uniform float u_tail_reach;     // texture levels beyond the root's over which the root gives way to the tail
+uniform float u_tail_reach;               // texture levels beyond the root's over which the root gives way to the tail
 
 // How much of the tail shows, at a texture LOD that lies `beyond` the root's.
 float tailShare(float beyond) { return clamp(beyond / u_tail_reach, 0.0, 1.0); }

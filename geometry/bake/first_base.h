@@ -11,7 +11,7 @@
 
 namespace relievo {
 
-// More patches take ever more: some two hundred bytes each in a package, and 4 KiB that stay resident. Those of a
+// More patches take ever more: some two hundred bytes each in a package, and up to 4 KiB that stay resident. Those of a
 // scan's own triangles take a tenth of these bytes, and show what nothing else does.
 inline constexpr uint32_t kMostPatches = 4096, kFewFaces = 36'864, kManyFaces = 65'536;
 // Where all of that misses, as of scans of many small pieces: simplified triangles, and the scan's own.

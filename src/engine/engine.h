@@ -75,7 +75,8 @@ inline bool drawnWithTails(const PatchDomain& domain, uint32_t most_pinned_patch
 
 struct FaultInjection;
 
-// Bytes of the page cache: the least that an engine can be made with, and what all pages of the artwork take.
+// Bytes of the page cache: the least that an engine can be made with, and what all pages of the artwork take. Tails
+// count with what they take at most, as long as they are not read.
 struct CacheNeed {
   uint64_t least_bytes = 0, most_bytes = 0;
 };

@@ -85,6 +85,12 @@ TEST(KeptTails, OneTexelThatIsOffIsKept) {
   EXPECT_EQ(KeptTails(whole).plane(0, 1).finest, 0);
 }
 
+TEST(KeptTails, WhatWasNotReadIsZero) {
+  const KeptTails none(300, 6);
+  EXPECT_TRUE(none.whole(0, 300) == PatchTails(300, 6));
+  EXPECT_TRUE(none.heightsAreEven());
+}
+
 TEST(KeptTails, NoiseIsKeptAsItIs) {
   std::mt19937 random(kSeed);
   PatchTails whole(300, 6);  // more than a chunk

@@ -83,7 +83,13 @@ KeptTails::KeptTails(uint32_t patches, int channels, int tolerance)
       channels_(channels),
       tolerance_(tolerance),
       chunks_((patches + kChunkPatches - 1) / kChunkPatches) {
-  for (Chunk& chunk : chunks_) chunk.heights.assign(1, 0);
+  // Until they are kept, all of a chunk's planes share one that is 0.
+  for (Chunk& chunk : chunks_) {
+    chunk.finest.assign(kChunkPatches * planesSize(), kTailLevels - 1);
+    chunk.at.assign(kChunkPatches * planesSize(), 0);
+    chunk.texels.assign(3 * texelsOf(kTailLevels - 1), 0);
+    chunk.heights.assign(1, 0);
+  }
 }
 
 KeptTails::KeptTails(const PatchTails& tails) : KeptTails(tails, kTailTolerance) {}

@@ -23,6 +23,7 @@ class KeptTails {
   static constexpr uint32_t kChunkPatches = 256;
 
   KeptTails() = default;
+  // Until any are kept, all texels and heights are 0.
   KeptTails(uint32_t patches, int channels, int tolerance = kTailTolerance);
   KeptTails(const PatchTails& tails);  // of all patches; not explicit: who has whole tails hands over these
   KeptTails(const PatchTails& tails, int tolerance);

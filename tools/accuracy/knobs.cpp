@@ -162,7 +162,7 @@ std::vector<AccuracyKnob> packageKnobs(const Manifest& manifest, bool quick) {
                  "samples of the outline a pixel",
                  {},
                  false,
-                 "the renderer draws one sample a pixel and has no multisampling"});
+                 "one sample a pixel is compared; render --samples averages several in settled pictures alone"});
   return out;
 }
 
