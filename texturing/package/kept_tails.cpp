@@ -130,10 +130,16 @@ void KeptTails::keepPlane(Chunk& chunk, const PatchTails& tails, uint32_t patch,
 
 void KeptTails::keep(uint32_t first, const PatchTails& tails) {
   Chunk& chunk = startChunk(first, tails);
+  std::vector<int> finest;
+  size_t texels = 0;
   for (uint32_t p = 0; p < tails.patches; ++p)
-    for (int plane = 0; plane < planes(); ++plane)
-      keepPlane(chunk, tails, p, plane, coarsestThatShows(tails, p, plane, tolerance_));
-  chunk.texels.shrink_to_fit();
+    for (int plane = 0; plane < planes(); ++plane) {
+      finest.push_back(coarsestThatShows(tails, p, plane, tolerance_));
+      texels += levelAt(finest.back(), kTailLevels);
+    }
+  chunk.texels.reserve(texels);
+  for (size_t i = 0; i < finest.size(); ++i)
+    keepPlane(chunk, tails, static_cast<uint32_t>(i / planesSize()), static_cast<int>(i % planesSize()), finest[i]);
 }
 
 const uint8_t* KeptTails::Plane::level(int level, int channel) const {
@@ -151,6 +157,13 @@ uint8_t KeptTails::Plane::at(int level, int channel, int x, int y) const {
   };
   return static_cast<uint8_t>(
       rounded(across(v.first) * (v.whole - v.second_share) + across(v.first + 1) * v.second_share, v.whole));
+}
+
+std::array<uint8_t, 3> KeptTails::Plane::at(int level, int x, int y) const {
+  if (level < finest) return {at(level, 0, x, y), at(level, 1, x, y), at(level, 2, x, y)};
+  const uint8_t* first = this->level(level, 0) + y * PatchTails::side(level) + x;
+  const size_t channel = texelsOf(level);
+  return {first[0], first[channel], first[2 * channel]};
 }
 
 bool KeptTails::heightsAreEven() const {

@@ -51,9 +51,7 @@ class KeptTails {
     const uint8_t* level(int level, int channel) const;
     // Of whatever level: of one that is not kept, what the finest one shows.
     uint8_t at(int level, int channel, int x, int y) const;
-    std::array<uint8_t, 3> at(int level, int x, int y) const {
-      return {at(level, 0, x, y), at(level, 1, x, y), at(level, 2, x, y)};
-    }
+    std::array<uint8_t, 3> at(int level, int x, int y) const;
   };
   Plane plane(uint32_t patch, int plane) const {
     const Chunk& chunk = chunks_[patch / kChunkPatches];

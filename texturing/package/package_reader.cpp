@@ -607,9 +607,12 @@ void Package::Impl::forTails(const Package& package, int workers, std::vector<st
   const MipFilter mip(header.texture);
   const auto chunks = tailsDirectory();
   if (!chunks) name(chunks.error());
-  parallelFor(tailsChunks(patches), std::max(workers, 1), stop, [&](size_t i) {
-    const auto first = static_cast<uint32_t>(i) * kTailsChunkPatches;
-    PatchTails part(std::min(kTailsChunkPatches, patches - first), header.texture.channels());
+  auto makePart = [] { return PatchTails(); };
+  parallelForWith(tailsChunks(patches), std::max(workers, 1), stop, makePart, [&](PatchTails& part, size_t i) {
+    const auto first = static_cast<uint32_t>(i) * kTailsChunkPatches,
+               count = std::min(kTailsChunkPatches, patches - first);
+    if (part.patches != count) part = PatchTails(count, header.texture.channels());
+    part.failures = {};
     const auto read = chunks ? readTails((*chunks)[i], first, part) : Result<void>(chunks.error());
     if (!read) {
       std::lock_guard lock(reading);
