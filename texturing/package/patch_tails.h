@@ -1,5 +1,5 @@
-// patch_tails.h - a tail is the coarse data of a patch that are always resident, 4 KiB at most. With tails, a scene of very
-// many patches needs a page only where a patch is large on the screen, and pins no page.
+// patch_tails.h - a tail is the coarse data of a patch that are always resident, 4 KiB at most. With tails, a scene of
+// very many patches needs a page only where a patch is large on the screen, and pins no page.
 //
 //   heights   the grid of 2^kTailCellsLog2 cells a side: every 8th sample of the root page, the same 16 bits. A vertex
 //             therefore has one place whether its height comes from a tail or from a page, and patches that meet need
