@@ -20,6 +20,7 @@
 #include "geometry/bake/repeated_images.h"
 #include "geometry/bake/simplified_rounds.h"
 #include "geometry/bake/step_choice.h"
+#include "geometry/bake/vertex_detail.h"
 #include "geometry/mesh/mesh_order.h"
 #include "geometry/remesh/base_domain.h"
 #include "geometry/scan/mesh_read.h"
@@ -187,13 +188,18 @@ class MeshBuild {
   // The next bake's base; false: there is none of this kind.
   Result<bool> use(BaseKind kind, Result<BaseMesh> base);
   Result<bool> useFaces(uint32_t max_patches);
+  double samplesPerVertex() const {
+    return static_cast<double>(bake_->report().samples) / static_cast<double>(loaded_.mesh.positions_mm.size());
+  }
   double creased();  // the share of the scan's triangles beside a crease
-  bool suitsOwnTriangles() const { return textured_.format.basis == Basis::kAlbedoNormal; }  // its texture does
+  FaceTexels faceTexels() const;
+  // The scan's own triangles, where they take few bytes (mostLightFaces()); false: they do not.
+  Result<bool> useLightFaces();
   // Own triangles may show its images instead of having their texels.
   bool showsImages() const { return a_.texture_tolerance >= 0 && a_.package.colour.codec == PageCodec::kLossless; }
   std::vector<double> imageTexels() const;                   // of each image; of a palette 0
   bool repeatsImages(std::span<const double> texels) const;  // so much that they should
-  uint32_t mostFacesFirst() { return relievo::mostFacesFirst(creased(), toleranceOverDefault(), suitsOwnTriangles()); }
+  uint32_t mostFacesFirst() { return relievo::mostFacesFirst(creased(), toleranceOverDefault(), faceTexels()); }
   Result<bool> useSimplified(std::span<const RefineRequest> requests);
   // What is left after all of these (moreOf()).
   Result<bool> useMorePatches();
@@ -217,6 +223,7 @@ class MeshBuild {
   // Lengths from the file's units, which all is computed in: no unit changes what comes out.
   double mm(double units) const { return units * mmPerUnit(a_.unit); }
   Result<void> pack();
+  void countImages();  // that patches show, but for plain colours
   bool measured() const { return !a_.report.empty() || !a_.json_file.empty(); }
   Result<void> measure();
   Result<void> writeReports() const;
@@ -315,24 +322,23 @@ Result<void> MeshBuild::makeBase() {
     BakeSceneOptions options{.ray_bytes = ray_bytes_, .workers = a_.package.workers, .interrupted = &interruptedFlag()};
     bake_scene_.emplace("relievo-scene", [&scan, options] { return makeBakeScene(scan, options); });
   };
-  auto base = stages_.run("base", base_options, [&]() -> Result<BaseMesh> {
-    auto domain = BaseDomain::create(scan, base_options);
-    if (!domain) return domain.error();
-    domain_ = std::move(*domain);
-    return domain_->make();
-  });
-  if (!base) {
-    Error error = base.error();
+  auto named = [&](Error error) {
     if (error.kind == ErrorKind::kInvalidData) error.file = a_.mesh;
     return error;
-  }
+  };
+  auto domain = stages_.run("base", base_options, [&] { return BaseDomain::create(scan, base_options); });
+  if (!domain) return named(domain.error());
+  domain_ = std::move(*domain);
+  if (const auto own = useFewFacesAtOnce(); !own || *own) return own ? Result<void>() : own.error();
+  auto base = stages_.run("base", base_options, [&] { return domain_->make(); });
+  if (!base) return named(base.error());
   base_ = std::move(*base);
-  return {};
+  return replaceHopelessBase();
 }
 
 double MeshBuild::baseStep() const {
-  const double diagonal = diagonalOf(loaded_.mesh);
-  return base_kind_ == BaseKind::kFaces ? finestBaseStep(diagonal) : baseStepFor(target().rms_mm, diagonal);
+  const double diagonal = diagonalOf(loaded_.mesh), target_rms = target().rms_mm;
+  return base_kind_ == BaseKind::kFaces ? faceStepFor(target_rms, diagonal) : baseStepFor(target_rms, diagonal);
 }
 
 FidelityTarget MeshBuild::target(double tolerance) const {
@@ -409,14 +415,15 @@ Result<Fidelity> MeshBuild::measureRound() {
 Result<void> MeshBuild::bakeUntilKept() {
   std::unique_ptr<MeshBake> best;
   BaseMesh best_base;
-  const Result<bool> own = useFewFacesAtOnce();
-  if (!own) return own.error();
-  if (!*own)
-    if (auto done = replaceHopelessBase(); !done) return done;
   BaseKind best_kind = base_kind_;
   for (;;) {
     if (auto done = growUntilInReach(); !done) return done;
     if (auto done = bake(); !done) return done;
+    if (isFirstBase() && toleranceOverDefault() <= 1 && samplesPerVertex() > kFewSamples) {
+      const Result<bool> light = useLightFaces();
+      if (!light) return light.error();
+      if (*light) continue;
+    }
     if (auto done = bakeInSmallerPatches(); !done) return done;
     auto found = stages_.run("bake", [&] { return measureRound(); });
     if (!found) return found.error();
@@ -492,7 +499,8 @@ Result<void> MeshBuild::growUntilInReach() {
     auto found = stages_.run("bake", [&] { return measureBake(*bake_, 0, Places::kFew); });
     if (!found) return found.error();
     if (found->excess() <= kOutOfReach) break;
-    auto grown = grow();
+    auto grown = useLightFaces();
+    if (grown && !*grown) grown = grow();
     if (!grown) return grown.error();
     if (!*grown) break;
   }
@@ -500,10 +508,8 @@ Result<void> MeshBuild::growUntilInReach() {
 }
 
 Result<void> MeshBuild::bakeInSmallerPatches() {
-  constexpr double kManySamples = 8;  // a vertex
-  while (isFirstBase() && bake_->report().cells_log2 > kPageCellsLog2 &&
-         static_cast<double>(bake_->report().samples) >
-             kManySamples * static_cast<double>(loaded_.mesh.positions_mm.size())) {
+  constexpr double kManySamples = 8;
+  while (isFirstBase() && bake_->report().cells_log2 > kPageCellsLog2 && samplesPerVertex() > kManySamples) {
     auto grown = grow(BaseDomain::Growth::kToBeFiner);
     if (!grown) return grown.error();
     if (!*grown) break;
@@ -551,14 +557,30 @@ Result<bool> MeshBuild::useFewFacesAtOnce() {
   if (a_.patches > 0 || coarser) return false;
   // Before anything is asked of all triangles.
   const size_t triangles = loaded_.mesh.triangles.size();
-  if (triangles > 2 * size_t{textured_.images.empty() ? kMostPatches : kManyFaces}) return false;
+  if (triangles > 2 * size_t{kManyLightFaces}) return false;
   const std::vector<double> texels = imageTexels();
-  const bool repeats = repeatsImages(texels), suits = suitsOwnTriangles();
+  const FaceTexels of_faces = faceTexels();
+  const bool repeats = repeatsImages(texels);
   const double all = std::accumulate(texels.begin(), texels.end(), 0.0);
-  const bool shown = showsImages() && all <= static_cast<double>(kMostShownTexels);
-  const uint32_t most =
-      suits && repeats ? kManyFaces : mostFacesAtOnce(suits, shown ? all / static_cast<double>(triangles) : 0);
+  const double of_images = of_faces == FaceTexels::kNone ? all / static_cast<double>(triangles) : 0;
+  const uint32_t light = of_faces == FaceTexels::kNone ? mostLightFaces(1) : 0;
+  if (triangles <= 2 * size_t{light} && vertexDetail(loaded_.mesh) > kMuchDetail * target().rms_mm)
+    return useFaces(light);
+  const uint32_t most = of_faces != FaceTexels::kEach && repeats ? kManyFaces : mostFacesAtOnce(of_faces, of_images);
   return triangles <= 2 * size_t{most} ? useFaces(most) : false;
+}
+
+FaceTexels MeshBuild::faceTexels() const {
+  if (textured_.format.basis != Basis::kAlbedoNormal) return FaceTexels::kEach;
+  const std::vector<double> texels = imageTexels();
+  const bool all_shown = showsImages() && !texels.empty() &&
+                         std::accumulate(texels.begin(), texels.end(), 0.0) <= static_cast<double>(kMostShownTexels);
+  return all_shown ? FaceTexels::kNone : FaceTexels::kSome;
+}
+
+Result<bool> MeshBuild::useLightFaces() {
+  if (a_.patches > 0 || faceTexels() != FaceTexels::kNone) return false;
+  return useFaces(mostLightFaces(toleranceOverDefault()));
 }
 
 Result<void> MeshBuild::replaceHopelessBase() {
@@ -575,8 +597,9 @@ Result<bool> MeshBuild::nextBase(const Fidelity& now, BakeLimit limit, bool bett
   constexpr double kLargeMiss = 8;  // of the target's largest: sides at a quarter there, not at a half
   // Beyond it patches of even size would have to be too many. Near the target they make smaller packages.
   constexpr double kHopeless = SimplifiedRounds::kHopeless, kFarOff = SimplifiedRounds::kFarOff;
-  if (isFirstBase() && domain_->mayGrow()) {
-    auto done = grow();
+  if (isFirstBase()) {
+    auto done = useLightFaces();
+    if (done && !*done && domain_->mayGrow()) done = grow();
     if (!done || *done) return done;
   }
   const bool first = round_++ == 0;
@@ -738,10 +761,20 @@ Result<void> MeshBuild::pack() {
     result_.texture_tolerance = a_.texture_tolerance;
     for (int level = 0; level <= domain.texture_depth; ++level) result_.texture_nodes += domain.nodeCount(level);
     result_.texture_nodes_left_out = domain.untexturedNodeCount();
-    const Package::ShownImages shown = (*opened)->shownImages();
-    result_.shown_images = shown.images, result_.patches_with_images = shown.patches;
+    countImages();
   }
   return {};
+}
+
+void MeshBuild::countImages() {
+  auto isImage = [&](size_t i) { return !textured_.images[i].palette; };
+  const std::vector<bool> shown = bake_->shownImages();
+  for (size_t i = 0; i < shown.size(); ++i) result_.shown_images += shown[i] && isImage(i);
+  if (result_.shown_images == 0) return;
+  for (uint32_t p = 0; p < bake_->base().patches.size(); ++p) {
+    const auto on = bake_->imagesOn(p);
+    result_.patches_with_images += on && (isImage(on->image[0]) || isImage(on->image[1]));
+  }
 }
 
 Result<void> MeshBuild::measure() {

@@ -232,15 +232,22 @@ void printPages(const Contents& c) {
   if (const uint64_t left_out = d.untexturedNodeCount(); left_out > 0)
     printOutf("    left out  %llu nodes of texture that nothing needs; %llu patches have none at all, their tails do\n",
               static_cast<unsigned long long>(left_out), static_cast<unsigned long long>(patchesWithoutTexture(d)));
-  if (const auto shown = c.package.shownImages(); shown.bytes > 0)
-    printOutf("    images       %8.1f MiB: %zu that %u patches show, whose pages are made when they are read\n",
-              static_cast<double>(shown.bytes) / (1 << 20), shown.images, shown.patches);
+  if (const auto shown = c.package.shownImages(); shown.bytes > 0) {
+    const double mib = static_cast<double>(shown.bytes) / (1 << 20);
+    if (shown.one_colour)
+      printOutf("    normals      %8.1f MiB: of the triangles that make %u patches, and one colour\n", mib,
+                shown.patches);
+    else
+      printOutf("    images       %8.1f MiB: %zu that %u patches show, whose pages are made when they are read\n", mib,
+                shown.images, shown.patches);
+  }
   const PackageHeader& h = c.package.header();
   if (h.coded_tails)
     printOutf("    (lossless texture pages may be stored within the --texture-tolerance of the build)\n");
   auto kib = [](uint64_t bytes) { return static_cast<double>(bytes) / 1024; };
   printOutf("    besides   index %.1f KiB", kib(h.index_bytes));
-  if (h.base_bytes > 0) printOutf(", base mesh %.1f KiB (twice)", kib(h.base_bytes));
+  if (h.base_bytes > 0)
+    printOutf(", base mesh %.1f KiB (%s)", kib(h.base_bytes), h.base_parity ? "and its parity" : "twice");
   if (c.package.hasTails() && c.tails) printOutf(", tails %.1f KiB", kib(c.tails->all));
   printOutf("\n");
   if (c.package.hasTails()) {

@@ -8,6 +8,7 @@
 #include <cerrno>
 #include <cstring>
 #include <filesystem>
+#include <optional>
 #include <set>
 #include <string>
 #include <utility>
@@ -119,11 +120,11 @@ void halve(Image8& image) {
 // The images that the scan's texture coordinates belong to, as three channels.
 class TextureReader {
  public:
-  TextureReader(const MeshBuildArguments& a, const TriMesh& mesh) : a_(a), mesh_(mesh) {}
+  TextureReader(const MeshBuildArguments& a, TriMesh& mesh) : a_(a), mesh_(mesh) {}
 
   Result<SurfaceImage> read() {
-    if (a_.texture == "none") return SurfaceImage{};
-    if (!a_.texture.empty()) {
+    if (a_.texture == "none") {
+    } else if (!a_.texture.empty()) {
       if (!hasTextureCoordinates(mesh_))
         return Error{ErrorKind::kUsage,
                      a_.mesh,
@@ -141,6 +142,11 @@ class TextureReader {
     }
     if (missing_ > 0 && read_ == 0) return first_missing_;
     warnOfWhatIsLost();
+    if (out_.images.empty()) {
+      // No triangle shows any image from here on, or all show one of one texel.
+      mesh_.corner_uv = {}, mesh_.image_of = {}, mesh_.images = {};
+      if (const auto colour = oneColour()) add(paletteImage({*colour}), {.palette = {*colour}});
+    }
     for (size_t k = 0; k < out_.pixels.size(); ++k) {
       out_.images[k].width = out_.pixels[k].width;
       out_.images[k].height = out_.pixels[k].height;
@@ -171,6 +177,14 @@ class TextureReader {
     if (++missing_ == 1) first_missing_ = error;
     add(paletteImage({kMissing}), {.palette = {kMissing}});
     return {};
+  }
+
+  // Of a scan without images: of all vertices.
+  std::optional<glm::u8vec3> oneColour() const {
+    const auto& colours = mesh_.colours;
+    if (colours.empty()) return glm::u8vec3(kPlainGrey);
+    const bool one = std::all_of(colours.begin(), colours.end(), [&](const auto& c) { return c == colours[0]; });
+    return one ? std::optional(colours[0]) : std::nullopt;
   }
 
   // The limit holds for all together: each is made as much smaller as the others.
@@ -213,7 +227,7 @@ class TextureReader {
   static constexpr glm::u8vec3 kMissing{204, 204, 204};
   static constexpr int kMostHalvings = 15;  // an image's side has fewer bits
   const MeshBuildArguments& a_;
-  const TriMesh& mesh_;
+  TriMesh& mesh_;
   SurfaceImage out_;
   std::set<std::string> paths_;
   size_t read_ = 0, missing_ = 0, with_alpha_ = 0;
@@ -297,7 +311,7 @@ Result<SurfaceImage> readPtmPlanes(const MeshBuildArguments& a, const TriMesh& m
 
 }  // namespace
 
-Result<SurfaceImage> readSurfaceImage(const MeshBuildArguments& a, const TriMesh& mesh) {
+Result<SurfaceImage> readSurfaceImage(const MeshBuildArguments& a, TriMesh& mesh) {
   return a.ptm.empty() ? TextureReader(a, mesh).read() : readPtmPlanes(a, mesh);
 }
 

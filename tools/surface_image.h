@@ -14,8 +14,9 @@
 namespace relievo {
 
 struct SurfaceImage {
-  std::vector<MeshBake::Image> images;  // of `pixels`: as TriMesh::image_of names them, or one for all; or none
-  std::vector<Image8> pixels;           // three channels, or a PTM's planes
+  // Of `pixels`: as TriMesh::image_of names them, or one for all: of one texel where the scan has one colour; or none.
+  std::vector<MeshBake::Image> images;
+  std::vector<Image8> pixels;  // three channels, or a PTM's planes
   // Of each of them the plainJpeg() that has the same texels; empty: its file is no such JPEG, or colours were changed.
   std::vector<std::vector<uint8_t>> jpegs;
   TextureFormat format{.basis = Basis::kAlbedoNormal};
@@ -23,9 +24,10 @@ struct SurfaceImage {
 };
 // The PTM that is asked for, else the image that is asked for (the mesh is read for either as MeshReadOptions::
 // other_image says), else those of the mesh. One of several that is not there is replaced by a plain grey, with a
-// warning. Images that take more than a third of the memory together are made smaller, with a warning.
+// warning. Images that take more than a third of the memory together are made smaller, with a warning. Where no image
+// is shown the mesh loses its texture coordinates.
 // Errors: kUsage (no texture coordinates, or more than the memory allows), kInvalidData (a PTM of other proportions
 // than the mesh's image), and those of the readers.
-Result<SurfaceImage> readSurfaceImage(const MeshBuildArguments& arguments, const TriMesh& mesh);
+Result<SurfaceImage> readSurfaceImage(const MeshBuildArguments& arguments, TriMesh& mesh);
 
 }  // namespace relievo

@@ -6,6 +6,7 @@
 #include <utility>
 #include <vector>
 
+#include "geometry/bake/mesh_bake.h"
 #include "geometry/mesh/triangle_point.h"
 #include "src/artwork/patch_domain.h"
 #include "src/base/simd_dispatch.h"
@@ -14,7 +15,6 @@ namespace relievo {
 namespace {
 
 constexpr int kTexelChannels = 6, kFirstOfNormal = 3;
-constexpr uint8_t kGrey = 200;
 using ColourNormal = std::array<float, kTexelChannels>;  // colour, 0 to 255, then the normal's x, y, z
 
 // Where colours and normals of a patch are sampled: at texel centres, or at the vertices of a coarser grid.
@@ -127,7 +127,7 @@ SurfacePoint TexelBaker::pointOf(const LineBatch& batch, size_t i) const {
 }
 
 glm::vec2 TexelBaker::textureCoordinatesAt(const SurfacePoint& at) const {
-  const auto& uv = context.mesh->corner_uv[at.triangle];
+  const auto uv = texture.coordinates(*context.mesh, at.triangle);
   return uv[0] * static_cast<float>(1 - at.b1 - at.b2) + uv[1] * static_cast<float>(at.b1) +
          uv[2] * static_cast<float>(at.b2);
 }
@@ -181,7 +181,7 @@ ColourNormal TexelBaker::colourNormalAt(const SurfacePoint& at) const {
   const auto& t = context.mesh->triangles[at.triangle];
   const std::array<float, 3> w{static_cast<float>(1 - at.b1 - at.b2), static_cast<float>(at.b1),
                                static_cast<float>(at.b2)};
-  ColourNormal out{kGrey, kGrey, kGrey, 0, 0, 0};
+  ColourNormal out{kPlainGrey, kPlainGrey, kPlainGrey, 0, 0, 0};
   if (const BakeTexture::Image* image = texture.imageOf(*context.mesh, at.triangle)) {
     image->texels.sample(textureCoordinatesAt(at), 0, out);
   } else if (!context.mesh->colours.empty()) {
@@ -407,9 +407,13 @@ bool bakeTexels(const BakeContext& context, const BakedHeights& baked, const Bak
   if (texture.planes) return baker.bakePlanes(lines, out);
   const SampleGrid grid(texture.of_patch[patch]);
   std::vector<float> row_samples(grid.row * (kTexelChannels + 1)), values(grid.side * kTexelChannels);
-  const bool coloured = !texture.images.empty() || !context.mesh->colours.empty();
+  const bool coloured = texture.images.empty() ? !context.mesh->colours.empty() : !texture.one_colour;
   const size_t first = coloured ? 0 : kFirstOfNormal;
-  std::fill_n(out.begin(), first * grid.side * grid.side, kGrey);
+  ColourNormal plain{kPlainGrey, kPlainGrey, kPlainGrey};
+  if (texture.one_colour) texture.images[0].texels.sample(glm::vec2(0), 0, plain);
+  for (size_t k = 0; k < first; ++k)
+    std::fill_n(out.begin() + static_cast<std::ptrdiff_t>(k * grid.side * grid.side), grid.side * grid.side,
+                byteOf(plain[k]));
   // Interpolation blurs a crease, or a border of colours, over a cell.
   const bool sharpen = !grid.per_texel && (context.normals->hasCreases() || texture.of_patch[patch].plain);
   size_t y = 0, sharpened = 0;  // rows of texels, of cells

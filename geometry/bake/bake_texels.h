@@ -3,10 +3,13 @@
 // thread.
 #pragma once
 
+#include <array>
 #include <cstdint>
 #include <optional>
 #include <span>
 #include <vector>
+
+#include <glm/glm.hpp>
 
 #include "geometry/bake/bake_context.h"
 #include "geometry/bake/baked_heights.h"
@@ -34,11 +37,16 @@ struct BakeTexture {
   };
   std::vector<Image> images;  // that TriMesh::image_of names
   bool planes = false;        // the channels of the one image become the texture, in place of colour and normal
+  bool one_colour = false;    // the one image is a palette of one colour, which all triangles have
   // The image that a triangle shows, or nullptr.
   const Image* imageOf(const TriMesh& mesh, uint32_t triangle) const {
     if (images.empty()) return nullptr;
     const uint16_t image = mesh.image_of.empty() ? uint16_t{0} : mesh.image_of[triangle];
     return image == kNoImage ? nullptr : &images[image];
+  }
+  // A triangle's coordinates in its image.
+  std::array<glm::vec2, 3> coordinates(const TriMesh& mesh, uint32_t triangle) const {
+    return one_colour ? std::array<glm::vec2, 3>{} : mesh.corner_uv[triangle];
   }
   // texture_resolution.h
   int depth = 0;                          // the largest of all patches, shown ones included

@@ -13,12 +13,30 @@ namespace relievo {
 
 // More patches take ever more: some two hundred bytes each in a package, and up to 4 KiB that stay resident. Those of a
 // scan's own triangles take a tenth of these bytes, and show what nothing else does.
-inline constexpr uint32_t kMostPatches = 4096, kFewFaces = 36'864, kManyFaces = 65'536;
+inline constexpr uint32_t kMostPatches = 4096, kFewFaces = 36'864, kManyFaces = 65'536, kManyLightFaces = 131'072;
 // Where all of that misses, as of scans of many small pieces: simplified triangles, and the scan's own.
 inline constexpr uint32_t kMostSimplified = 131'072, kMostFaces = 262'144;
 
 // Of a scan's triangles beside a crease: beyond it own triangles take fewer bytes than larger patches.
 inline constexpr double kMostlyCreased = 0.5;
+
+// What patches of the scan's own triangles have for texels: each has pages, as under a basis of light; those have
+// that need them; or none, as they show images or one colour (MeshBake::imagesOn()). The last take some six bytes.
+enum class FaceTexels : uint8_t { kEach, kSome, kNone };
+
+// So many of them without texels are fewer bytes than other bases that keep the tolerance. of_default: it, in times of
+// the default one; with a larger one larger patches need fewer samples.
+constexpr uint32_t mostLightFaces(double of_default) {
+  constexpr double kMuchCoarser = 2;
+  return std::max(kMostPatches, static_cast<uint32_t>(kManyLightFaces * std::min(1.0, kMuchCoarser / of_default)));
+}
+// Unless these have fewer samples than this for each vertex of the scan: of 20 scans and shapes of 10,000 to 86,000
+// triangles own ones took 0.2 to 0.8 times the bytes above it, and 0.7 to 4.1 times below.
+inline constexpr double kFewSamples = 8;
+// Where vertices tell so much (vertexDetail()), in times of the RMS that is aimed at, no other base is tried. Of 24
+// scans and shapes of 10,000 to 110,000 triangles 18 of 19 above it took fewer bytes as own triangles, or had become
+// these in the end, and five of five below it took 1.4 to 4.1 times as many.
+inline constexpr double kMuchDetail = 7;
 
 // So many patches of the scan's own triangles come before smaller ones where the first base missed: smaller patches of
 // even size often take fewer bytes than more of them. creased: the share of triangles beside a crease, which larger
@@ -28,31 +46,35 @@ constexpr uint32_t mostFacesBeforeSmaller(double creased) { return creased >= kM
 // So many patches of the scan's own triangles come before simplified ones, since they take about as many
 // bytes as kMostPatches of these, a third of the time, and are exact. Where most lie beside creases, more triangles do.
 // Of seven public scans that smaller patches missed, of 10,000 to 100,000 triangles, own triangles took 0.4 to 1.1
-// times the bytes of simplified ones up to these numbers, and 1.5 and 1.6 times beyond. of_default: the tolerance, in
-// times of the default one; with a larger one simplified triangles are fewer. suits: the texture suits them. Under a
-// basis of light every patch has pages, so many small ones take many bytes.
-constexpr uint32_t mostFacesFirst(double creased, double of_default, bool suits) {
+// times the bytes of simplified ones up to these numbers, and 1.5 and 1.6 times beyond. of_default: as above; with a
+// larger tolerance simplified triangles are fewer.
+constexpr uint32_t mostFacesFirst(double creased, double of_default, FaceTexels texels) {
   constexpr double kMuchCoarser = 2;
-  if (!suits) return mostFacesBeforeSmaller(creased);
+  if (texels == FaceTexels::kEach) return mostFacesBeforeSmaller(creased);
+  if (texels == FaceTexels::kNone) return mostLightFaces(of_default);
   const double most = creased >= kMostlyCreased ? kManyFaces : kFewFaces;
   return std::max(kMostPatches, static_cast<uint32_t>(most * std::min(1.0, kMuchCoarser / of_default)));
 }
 
 // So few of them are not even compared with others: they are the scan, at once, and take no more bytes. Where images
 // have many texels a triangle these take most bytes, and fewest where patches show them, which own triangles can.
-// texels: of images that they may show, of a triangle in the mean.
-constexpr uint32_t mostFacesAtOnce(bool suits, double texels) {
+// of_images: texels of images that they may show, of a triangle in the mean.
+constexpr uint32_t mostFacesAtOnce(FaceTexels texels, double of_images) {
   constexpr double kManyTexels = 128;
-  if (!suits) return 0;
-  return texels >= kManyTexels ? kFewFaces : kMostPatches;
+  if (texels == FaceTexels::kEach) return 0;
+  return of_images >= kManyTexels ? kFewFaces : kMostPatches;
 }
 
 // Of the lattice that corners of base meshes are moved to before they are baked (onLattice()): packages need few bytes
-// for them, and heights make up for it. The finest one is for bases that have hardly any heights.
+// for them, and heights make up for it. The scan's own triangles have none, so that theirs is finer.
 constexpr double finestBaseStep(double diagonal) { return diagonal / (kMostPositionSteps / 4); }
 // target_rms: that is aimed at; all lengths in one unit.
 constexpr double baseStepFor(double target_rms, double diagonal) {
   constexpr double kOfTarget = 0.2;  // hardly seen where heights are 0, too
+  return std::max(kOfTarget * target_rms, finestBaseStep(diagonal));
+}
+constexpr double faceStepFor(double target_rms, double diagonal) {
+  constexpr double kOfTarget = 0.03;  // by default no corner moves by a millionth of the diagonal
   return std::max(kOfTarget * target_rms, finestBaseStep(diagonal));
 }
 

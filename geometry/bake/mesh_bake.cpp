@@ -117,10 +117,12 @@ Result<void> validate(const TriMesh& mesh, std::span<const MeshBake::Image> imag
   return {};
 }
 
-// The texture: the images if the mesh has texture coordinates for them.
+// The texture: the images if the mesh has texture coordinates for them, or needs none.
 BakeTexture textureOf(const TriMesh& mesh, std::span<const MeshBake::Image> images) {
   BakeTexture texture;
-  if (mesh.corner_uv.empty()) return texture;
+  texture.one_colour =
+      images.size() == 1 && images[0].palette && images[0].width * images[0].height == 1 && mesh.image_of.empty();
+  if (mesh.corner_uv.empty() && !texture.one_colour) return texture;
   for (const MeshBake::Image& image : images) {
     texture.planes = image.planes;
     texture.images.push_back(
@@ -222,7 +224,7 @@ std::vector<bool> MeshBake::shownImages() const {
 std::optional<ImagesOnPatch> MeshBake::imagesOn(uint32_t patch) const {
   const std::optional<int> depth = impl_->texture.of_patch[patch].shown_depth;
   if (!depth) return std::nullopt;
-  ImagesOnPatch on = imagesOnPatch(impl_->context, patch);
+  ImagesOnPatch on = imagesOnPatch(impl_->context, impl_->texture, patch);
   on.depth = *depth;
   return on;
 }

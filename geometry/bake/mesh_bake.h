@@ -60,13 +60,16 @@ struct BakeOptions {
   // With -1 and an image: patches that it has few texels on have 16 a side, those of a tail (textureDepthOf() is then
   // kNoTexturePage).
   bool tail_textures = false;
-  // With tail_textures: images that the scan repeats are shown by patches themselves (imagesOn()), where these have the
-  // scan's own triangles.
+  // With tail_textures: patches of the scan's own triangles show plain colours themselves (imagesOn()), and images that
+  // have fewer texels than these patches would.
   bool show_images = false;
   int workers = 0;  // 0: one for each core
   std::function<void(double /*0..1*/)> progress;
   const std::atomic<bool>* interrupted = nullptr;  // also stops texels()
 };
+
+// Of each channel: of scans without colours or images.
+inline constexpr uint8_t kPlainGrey = 200;
 
 // Why the tolerance was not reached.
 enum class BakeLimit : uint8_t {
@@ -133,8 +136,9 @@ class MeshBake {
     std::span<const uint8_t> texels;
     int channels = 3;
     bool planes = false;
-    bool repeats = false;   // texture coordinates outside of [0, 1] repeat the image
-    bool palette = false;   // whole triangles have one of its colours each
+    bool repeats = false;  // texture coordinates outside of [0, 1] repeat the image
+    // Whole triangles have one of its colours each; of one colour alone no texture coordinates are needed.
+    bool palette = false;
     bool has_file = false;  // a file of few bytes, which is kept where patches show the image
   };
   // images: those that TriMesh::image_of names, or none. The mesh and the images' bytes are used in place: they must

@@ -104,7 +104,7 @@ bool isPlain(const BakeContext& context, const BakeTexture& texture, uint32_t pa
     creases.add(triangle);
     const BakeTexture::Image* image = texture.imageOf(*context.mesh, triangle);
     if (image && !image->palette) return false;
-    const glm::vec2 own = image ? context.mesh->corner_uv[triangle][0] : glm::vec2(-2);
+    const glm::vec2 own = image ? texture.coordinates(*context.mesh, triangle)[0] : glm::vec2(-2);
     if (creases.found() || (i > 0 && own != colour)) return false;
     colour = own;
   }
@@ -130,9 +130,17 @@ struct ShowingPatch {
   std::array<uint16_t, 2> image;
 };
 
+// Is there a crease between a patch's halves, or a border between the colours of a palette? A tail blurs these over a
+// 16th of the patch.
+bool halvesDiffer(const ImagesOnPatch& on) {
+  constexpr float kCosine = 0.9659f;  // 15 degrees
+  return on.image[0] != on.image[1] || on.uv[0][0] != on.uv[1][0] ||
+         glm::dot(on.normal[0][0], on.normal[1][0]) < kCosine || glm::dot(on.normal[0][2], on.normal[1][2]) < kCosine;
+}
+
 // Images that are on the scan several times over, and those of many small triangles, which take a page each, take more
 // texels as patches than they have; files that are kept take a fraction of an image's bytes. Those whose patches would
-// take the most are shown, as far as readers hold them in memory.
+// take the most are shown, as far as readers hold them in memory. Palettes always are.
 void chooseShownImages(const std::vector<ShowingPatch>& showing, BakeTexture& texture) {
   constexpr double kOfTexels = 2, kOfFile = 0.5;  // texels as patches, in times of the image's own
   std::vector<double> texels(texture.images.size());
@@ -165,21 +173,18 @@ void chooseShownImages(const std::vector<ShowingPatch>& showing, BakeTexture& te
     may_be_shown[i] = 1;
   }
   for (const ShowingPatch& s : showing) {
-    bool shows = true, any = false;
-    for (const size_t image : s.image) {
-      shows = shows && (may_be_shown[image] || isPalette(image));
-      any = any || !isPalette(image);
-    }
-    if (!shows || !any) continue;
+    auto isShown = [&](size_t image) { return may_be_shown[image] || isPalette(image); };
+    if (!isShown(s.image[0]) || !isShown(s.image[1])) continue;
     for (const size_t image : s.image) texture.images[image].shown = true;
     texture.of_patch[s.patch].depth = kNoTexturePage;
     texture.of_patch[s.patch].shown_depth = s.depth;
   }
 }
 
-// Which images lie on both halves of a patch; nothing: not two, or not where they can be shown.
-std::optional<std::array<uint16_t, 2>> imagesToShow(const BakeContext& context, const BakeTexture& texture,
-                                                    uint32_t patch) {
+// A patch on both of whose halves images lie, where they can be shown. depth: that of images which are no palettes;
+// nothing: none of them can be.
+std::optional<ShowingPatch> showingPatch(const BakeContext& context, const BakeTexture& texture, uint32_t patch,
+                                         std::optional<int> depth) {
   constexpr double kMostPlaces = kMostShownPlace / 512;  // texels, from an image's corner
   if (context.own_triangles.empty()) return std::nullopt;
   std::array<uint16_t, 2> images{};
@@ -187,17 +192,17 @@ std::optional<std::array<uint16_t, 2>> imagesToShow(const BakeContext& context, 
     const uint32_t triangle = context.own_triangles[patch][half];
     if (triangle == SurfacePoint::kNone) return std::nullopt;
     const BakeTexture::Image* image = texture.imageOf(*context.mesh, triangle);
-    if (!image) return std::nullopt;
+    if (!image || !(depth || image->palette)) return std::nullopt;
     images[half] = static_cast<uint16_t>(image - texture.images.data());
   }
-  const ImagesOnPatch on = imagesOnPatch(context, patch);
+  const ImagesOnPatch on = imagesOnPatch(context, texture, patch);
   for (size_t half = 0; half < 2; ++half)
     for (const glm::dvec2& uv : on.uv[half]) {
       const MipImage& image = texture.images[images[half]].texels;
       const glm::dvec2 place = glm::abs(uv * glm::dvec2(image.width(), image.height()));
       if (!(place.x <= kMostPlaces && place.y <= kMostPlaces)) return std::nullopt;
     }
-  return images;
+  return ShowingPatch{patch, static_cast<int8_t>(depth.value_or(halvesDiffer(on) ? 0 : kNoTexturePage)), images};
 }
 
 // No finer than that all patches together have so many texels.
@@ -217,13 +222,13 @@ int deepestOf(const std::vector<PatchResolution>& of_patch, uint64_t most_texels
 
 }  // namespace
 
-ImagesOnPatch imagesOnPatch(const BakeContext& context, uint32_t patch) {
+ImagesOnPatch imagesOnPatch(const BakeContext& context, const BakeTexture& texture, uint32_t patch) {
   ImagesOnPatch on;
   for (size_t half = 0; half < 2; ++half) {
     const uint32_t triangle = context.own_triangles[patch][half];
     if (!context.mesh->image_of.empty()) on.image[half] = context.mesh->image_of[triangle];
     const TriangleCorners t = cornersOf(*context.mesh, triangle);
-    const auto& uv = context.mesh->corner_uv[triangle];
+    const auto uv = texture.coordinates(*context.mesh, triangle);
     const auto& normals = context.normals->ofTriangle(*context.mesh, triangle);
     const glm::dvec3 e = t.b - t.a, g = t.c - t.a;
     const double ee = glm::dot(e, e), eg = glm::dot(e, g), gg = glm::dot(g, g), det = ee * gg - eg * eg;
@@ -249,7 +254,7 @@ bool chooseTextureResolution(const BakeContext& context, const TextureResolution
   const double vertices = static_cast<double>(context.mesh->positions_mm.size()),
                patches = static_cast<double>(context.layout.patches);
   const auto is_palette = [](const BakeTexture::Image& image) { return image.palette; };
-  const bool has_palette = std::any_of(texture.images.begin(), texture.images.end(), is_palette),
+  const bool has_palette = !texture.one_colour && std::any_of(texture.images.begin(), texture.images.end(), is_palette),
              has_image = !std::all_of(texture.images.begin(), texture.images.end(), is_palette);
   // Vertex colours are linear over the scan's triangles, so that a grid somewhat finer than these captures them. If it
   // is hardly finer, creases show; half a million samples take a quarter of a second.
@@ -270,10 +275,18 @@ bool chooseTextureResolution(const BakeContext& context, const TextureResolution
   texture.of_patch.assign(context.layout.patches, {depth, grid_log2, has_palette && !has_image});
   texture.depth = depth;
   // Normals are sampled no more densely there than tails have texels.
-  const bool tails = options.tails && !texture.planes && requested_depth < 0;
+  const bool tails = options.tails && !texture.planes && requested_depth < 0, shows = tails && options.show_images;
   const bool plain_tails = tails && depth == 0 && plain_grid_log2 <= kTailCellsLog2;
   auto makeTail = [&](uint32_t p) {
     if (plain_tails && isPlain(context, texture, p)) texture.of_patch[p].depth = kNoTexturePage;
+  };
+  auto showImages = [&] {
+    std::vector<ShowingPatch> showing;
+    for (uint32_t p = 0; p < texture.of_patch.size(); ++p) {
+      const std::optional<int> depth_of_images = std::exchange(texture.of_patch[p].shown_depth, std::nullopt);
+      if (const auto patch = showingPatch(context, texture, p, depth_of_images)) showing.push_back(*patch);
+    }
+    chooseShownImages(showing, texture);
   };
   if (has_image) {
     const bool whole = parallelFor(context.layout.patches, context.workers, context.interrupted, [&](size_t p) {
@@ -282,24 +295,18 @@ bool chooseTextureResolution(const BakeContext& context, const TextureResolution
       r.plain = has_palette && !across.shown;
       const bool small = tails && grid_log2 <= kTailCellsLog2;
       if (requested_depth < 0 && across.shown) r.depth = depthFor(across, small, kMostDepth);
-      if (tails && options.show_images && across.shown) r.shown_depth = depthFor(across, small, kMostShownDepth);
+      if (shows && across.shown) r.shown_depth = depthFor(across, small, kMostShownDepth);
       if (!across.shown) makeTail(static_cast<uint32_t>(p));
       r.sample_grid_log2 = std::max(grid_log2, log2Above(across.densest));
     });
     if (!whole) return false;
-    std::vector<ShowingPatch> showing;
-    for (uint32_t p = 0; p < texture.of_patch.size(); ++p) {
-      const std::optional<int> shown_depth = std::exchange(texture.of_patch[p].shown_depth, std::nullopt);
-      if (!shown_depth) continue;
-      if (const auto images = imagesToShow(context, texture, p))
-        showing.push_back({p, static_cast<int8_t>(*shown_depth), *images});
-    }
-    chooseShownImages(showing, texture);
+    if (shows) showImages();
     if (requested_depth < 0) texture.depth = deepestOf(texture.of_patch, kMostImageTexels);
-  }
-  if (!has_image && plain_tails) {
-    const bool whole = parallelFor(context.layout.patches, context.workers, context.interrupted,
-                                   [&](size_t p) { makeTail(static_cast<uint32_t>(p)); });
+  } else {
+    if (shows) showImages();
+    const bool whole = parallelFor(context.layout.patches, context.workers, context.interrupted, [&](size_t p) {
+      if (!texture.of_patch[p].shown_depth) makeTail(static_cast<uint32_t>(p));
+    });
     if (!whole) return false;
   }
   int shown_depth = 0;

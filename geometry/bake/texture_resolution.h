@@ -18,7 +18,7 @@ struct TextureResolutionOptions {
 // their tails show. False: the bake was interrupted.
 bool chooseTextureResolution(const BakeContext& context, const TextureResolutionOptions& options, BakeTexture& texture);
 
-// Of a patch on whose halves triangles with texture coordinates lie (BakeContext::own_triangles).
-ImagesOnPatch imagesOnPatch(const BakeContext& context, uint32_t patch);
+// Of a patch on whose halves triangles with images lie (BakeContext::own_triangles).
+ImagesOnPatch imagesOnPatch(const BakeContext& context, const BakeTexture& texture, uint32_t patch);
 
 }  // namespace relievo

@@ -220,7 +220,7 @@ BaseMesh facesBase(const Surface& surface, uint32_t max_patches, FaceNormals nor
   if (surface.triangles.size() > 2 * size_t{max_patches}) return {};
   for (const bool any_look : {false, true}) {
     FacePairs pairs(surface, any_look ? std::span<const uint32_t>() : look_of);
-    for (const double degrees : {20, 45, 80})
+    for (const double degrees : {40, 60, 80})
       if (pairs.pair(degrees * kDegree) && pairs.patches() <= max_patches) return pairs.base(normals);
     if (look_of.empty()) break;
   }

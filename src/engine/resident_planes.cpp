@@ -98,7 +98,7 @@ void ResidentPlanes::readTails() {
     PatchTails made(m.domain.patchCount(), m.texture.channels());
     tailsFromPages(*artwork_.source, m.texture, m.domain.relief_depth >= 0, 0, options_.workers, made, &tail_messages_,
                    options_.interrupted);
-    tails_ = made;
+    tails_.emplace(made, KeptTailTolerance{.normals = hasNormals(m.texture)});
   }
   failures_.add(tails_->failures());
 }

@@ -63,30 +63,45 @@ TEST(FirstBase, IsReplacedByWhatTakesTheFewestBytes) {
 }
 
 TEST(FirstBase, FewOwnTrianglesAreTakenAtOnceWhereTheySuitTheTexture) {
-  EXPECT_EQ(mostFacesAtOnce(true, 0), 4096u);
-  EXPECT_EQ(mostFacesAtOnce(true, 127), 4096u);
-  EXPECT_EQ(mostFacesAtOnce(true, 128), 36'864u) << "images of many texels";
-  EXPECT_EQ(mostFacesAtOnce(false, 1000), 0u);
+  EXPECT_EQ(mostFacesAtOnce(FaceTexels::kSome, 0), 4096u);
+  EXPECT_EQ(mostFacesAtOnce(FaceTexels::kSome, 127), 4096u);
+  EXPECT_EQ(mostFacesAtOnce(FaceTexels::kSome, 128), 36'864u) << "images of many texels";
+  EXPECT_EQ(mostFacesAtOnce(FaceTexels::kEach, 1000), 0u);
 }
 
 TEST(FirstBase, MoreOwnTrianglesComeFirstWhereMostLieBesideCreases) {
-  EXPECT_EQ(mostFacesFirst(0, 1, true), 36'864u);
-  EXPECT_EQ(mostFacesFirst(0.49, 1, true), 36'864u);
-  EXPECT_EQ(mostFacesFirst(0.5, 1, true), 65'536u);
-  EXPECT_EQ(mostFacesFirst(1, 1, true), 65'536u);
+  EXPECT_EQ(mostFacesFirst(0, 1, FaceTexels::kSome), 36'864u);
+  EXPECT_EQ(mostFacesFirst(0.49, 1, FaceTexels::kSome), 36'864u);
+  EXPECT_EQ(mostFacesFirst(0.5, 1, FaceTexels::kSome), 65'536u);
+  EXPECT_EQ(mostFacesFirst(1, 1, FaceTexels::kSome), 65'536u);
 }
 TEST(FirstBase, FewerOwnTrianglesComeBeforeSmallerPatches) {
   EXPECT_EQ(mostFacesBeforeSmaller(0.49), 4096u);
   EXPECT_EQ(mostFacesBeforeSmaller(0.5), 12'288u);
 }
 TEST(FirstBase, FewerOwnTrianglesComeFirstWhereOthersTakeFewBytes) {
-  EXPECT_EQ(mostFacesFirst(0, 0.1, true), 36'864u) << "a finer tolerance";
-  EXPECT_EQ(mostFacesFirst(0, 2, true), 36'864u);
-  EXPECT_EQ(mostFacesFirst(0, 4, true), 18'432u);
-  EXPECT_EQ(mostFacesFirst(1, 4, true), 32'768u);
-  EXPECT_EQ(mostFacesFirst(0, 1000, true), 4096u);
-  EXPECT_EQ(mostFacesFirst(0.49, 1, false), 4096u) << "unsuited";
-  EXPECT_EQ(mostFacesFirst(0.5, 1, false), 12'288u) << "unsuited";
+  EXPECT_EQ(mostFacesFirst(0, 0.1, FaceTexels::kSome), 36'864u) << "a finer tolerance";
+  EXPECT_EQ(mostFacesFirst(0, 2, FaceTexels::kSome), 36'864u);
+  EXPECT_EQ(mostFacesFirst(0, 4, FaceTexels::kSome), 18'432u);
+  EXPECT_EQ(mostFacesFirst(1, 4, FaceTexels::kSome), 32'768u);
+  EXPECT_EQ(mostFacesFirst(0, 1000, FaceTexels::kSome), 4096u);
+  EXPECT_EQ(mostFacesFirst(0.49, 1, FaceTexels::kEach), 4096u) << "unsuited";
+  EXPECT_EQ(mostFacesFirst(0.5, 1, FaceTexels::kEach), 12'288u) << "unsuited";
+}
+
+TEST(FirstBase, ManyOwnTrianglesComeFirstWhereTheyNeedNoTexels) {
+  EXPECT_EQ(mostFacesFirst(0, 1, FaceTexels::kNone), 131'072u);
+  EXPECT_EQ(mostFacesFirst(1, 1, FaceTexels::kNone), 131'072u);
+  EXPECT_EQ(mostLightFaces(0.1), 131'072u);
+  EXPECT_EQ(mostLightFaces(2), 131'072u);
+  EXPECT_EQ(mostLightFaces(8), 32'768u) << "others need fewer samples";
+  EXPECT_EQ(mostLightFaces(1000), 4096u);
+}
+// Corners lie closer to the scan than the target asks for, and no closer than numbers in single precision tell.
+TEST(FirstBase, OwnTrianglesLieOnAFinerLattice) {
+  EXPECT_DOUBLE_EQ(baseStepFor(3e-5, 1), 6e-6);
+  EXPECT_DOUBLE_EQ(faceStepFor(3e-5, 1), 9e-7);
+  EXPECT_EQ(faceStepFor(1e-9, 1), finestBaseStep(1));
 }
 
 TEST(FirstBase, ErrorsEndTheSearch) {

@@ -1642,6 +1642,79 @@ TEST(MeshBake, repeatedImagesAreShownByOwnTriangles) {
   EXPECT_TRUE(bake(once, base, options, {{.width = 256, .height = 256, .texels = atlas}})->imagesOn(0));
 }
 
+// A scan of one colour that is its own base needs no texels: its patches show the colour, and have the triangles'
+// normals. Neither does one of several: where two meet, or a crease runs, pages follow from them.
+TEST(MeshBake, plainColoursAreShownByOwnTriangles) {
+  const TriMesh mesh = sheetMesh(30, 10, 6, 4, [](double x, double) { return std::max(x - 15, 0.0); });
+  auto surface = makeSurface(mesh.positions_mm, mesh.triangles);
+  ASSERT_TRUE(surface.ok());
+  BaseMesh base = facesBase(*surface, 1000);
+  base.cut = true;
+  const std::vector<uint8_t> colours{10, 20, 30, 200, 100, 50};
+  const MeshBake::Image one{.width = 1, .height = 1, .texels = std::span(colours).first(3), .palette = true};
+  BakeOptions options{.cells_log2 = 3, .fit = false, .touch_mm = 1e-4};
+  options.tail_textures = options.show_images = true;
+  const auto baked = bake(mesh, base, options, {one});
+  ASSERT_TRUE(baked);
+  EXPECT_EQ(baked->shownImages(), std::vector<bool>{true}) << "without any texture coordinates";
+  for (uint32_t p = 0; p < base.patches.size(); ++p) {
+    const auto on = baked->imagesOn(p);
+    ASSERT_TRUE(on.has_value()) << p;
+    EXPECT_EQ(on->depth, kNoTexturePage);
+    for (size_t half = 0; half < 2; ++half)
+      for (const glm::dvec2& uv : on->uv[half]) EXPECT_EQ(uv, glm::dvec2(0));
+    EXPECT_EQ(baked->textureDepthOf(p), kNoTexturePage);
+  }
+  // Controls: not unless it is asked for, nor with other patches, nor without such an image; the texels have the
+  // colour.
+  options.show_images = false;
+  const auto stored = bake(mesh, base, options, {one});
+  EXPECT_FALSE(stored->imagesOn(0));
+  std::vector<uint8_t> texels(6 * kTailTexels * kTailTexels);
+  ASSERT_EQ(stored->textureDepthOf(0), kNoTexturePage);
+  ASSERT_TRUE(stored->texels(0, texels));
+  for (size_t c = 0; c < 3; ++c) EXPECT_EQ(texels[c * kTailTexels * kTailTexels + 7], colours[c]);
+  options.show_images = true;
+  EXPECT_FALSE(bake(mesh, base, options)->imagesOn(0)) << "grey, and nobody has an image of it";
+  const auto even = bake(mesh, sheetBase(30, 10, 3, 2), options, {one});
+  for (uint32_t p = 0; p < 6; ++p) EXPECT_FALSE(even->imagesOn(p));
+  // Two colours: halves that differ have a page.
+  TriMesh painted = mesh;
+  for (size_t t = 0; t < painted.triangles.size(); ++t)
+    painted.corner_uv.emplace_back().fill({t % 2 ? 0.75f : 0.25f, 0.5f});
+  const MeshBake::Image palette{.width = 2, .height = 1, .texels = colours, .palette = true};
+  const auto two = bake(painted, base, options, {palette});
+  size_t with_page = 0;
+  for (uint32_t p = 0; p < base.patches.size(); ++p) {
+    const auto on = two->imagesOn(p);
+    ASSERT_TRUE(on.has_value()) << p;
+    EXPECT_EQ(on->depth, on->uv[0][0] == on->uv[1][0] ? kNoTexturePage : 0) << p;
+    with_page += on->depth == 0;
+  }
+  EXPECT_GT(with_page, 0u);
+  // A patch of the two triangles at a crease, or where there is none.
+  for (const bool folded : {false, true}) {
+    const TriMesh roof =
+        sheetMesh(30, 10, 6, 8, [&](double x, double) { return folded ? std::max(x - 15, 0.0) : 0.0; });
+    auto at = [&](uint32_t v) { return roof.positions_mm[v]; };
+    BaseMesh pair;
+    pair.cut = true;
+    std::array<uint32_t, 4> corners{};
+    for (const auto& t : roof.triangles)
+      for (size_t k = 0; k < 3; ++k) {
+        const uint32_t p = t[k], s = t[(k + 1) % 3], q = t[(k + 2) % 3];
+        if (at(p).x != 15 || at(s).x != 15 || std::min(at(p).y, at(s).y) != -5) continue;
+        if (at(q).x > 15) corners[0] = p, corners[3] = s, corners[1] = q;
+        else corners[2] = q;
+      }
+    for (const uint32_t v : corners) pair.corners.push_back({at(v), {0, 0, 1}});
+    pair.patches = {{0, 1, 2, 3}};
+    const auto on = bake(roof, pair, options, {one})->imagesOn(0);
+    ASSERT_TRUE(on.has_value());
+    EXPECT_EQ(on->depth, folded ? 0 : kNoTexturePage);
+  }
+}
+
 // Sheets that overlap, cut along other diagonals: each patch has the triangles that it was made of.
 TEST(MeshBake, ownTrianglesAreFoundWhereOthersLieOnThem) {
   TriMesh mesh;

@@ -32,6 +32,7 @@ relievo_test(base_domain_test COST 100 LIBS relievo_bake SOURCES geometry/base_d
 relievo_test(fidelity_test LIBS relievo_bake SOURCES geometry/fidelity_test.cpp)
 relievo_test(first_base_test LIBS relievo_bake SOURCES geometry/first_base_test.cpp)
 relievo_test(step_choice_test LIBS relievo_bake SOURCES geometry/step_choice_test.cpp)
+relievo_test(vertex_detail_test LIBS relievo_bake SOURCES geometry/vertex_detail_test.cpp)
 relievo_test(simplified_rounds_test LIBS relievo_bake SOURCES geometry/simplified_rounds_test.cpp)
 relievo_test(mesh_distance_test LIBS relievo_bake SOURCES geometry/mesh_distance_test.cpp)
 relievo_test(strategy_test MEMORY LIBS relievo_strategies SOURCES geometry/strategy_test.cpp DEFINES RELIEVO_SOURCE_DIR="${CMAKE_SOURCE_DIR}")

@@ -16,6 +16,7 @@ namespace kept_tails_test {
 using namespace testing_support;
 
 constexpr uint64_t kSeed = 20261129;
+constexpr KeptTailTolerance kExact{.of_255 = 0}, kOfNormals{.normals = true};
 
 // value(patch, channel, u, v) at the finest level's texels; coarser ones are means.
 PatchTails tailsOf(uint32_t patches, const std::function<double(uint32_t, int, double, double)>& value) {
@@ -53,7 +54,7 @@ double shownAt(const TailBlocks& blocks, uint32_t patch, int level, int plane, i
 TEST(KeptTails, OfASlopeTwoByTwoTexelsAreKept) {
   const auto slope = [](uint32_t, int c, double u, double v) { return 60 + 20 * c + 80 * u - 40 * v + 10 * u * v; };
   const PatchTails whole = tailsOf(3, slope);
-  const KeptTails kept(whole);
+  const KeptTails kept(whole, kOfNormals);
   EXPECT_LT(10 * kept.bytes(), whole.texels.size());
   for (uint32_t p = 0; p < 3; ++p)
     for (int plane = 0; plane < 2; ++plane) EXPECT_EQ(kept.plane(p, plane).finest, kTailLevels - 1);
@@ -70,19 +71,20 @@ TEST(KeptTails, OneTexelThatIsOffIsKept) {
   for (const int off : {kTailTolerance, kTailTolerance + 1}) {
     PatchTails whole = tailsOf(2, [](uint32_t, int, double, double) { return 100; });
     whole.level(1, 0, 2)[77] = static_cast<uint8_t>(100 + off);
-    const KeptTails kept(whole);
+    const KeptTails kept(whole, kOfNormals);
     EXPECT_EQ(kept.plane(1, 0).finest, off > kTailTolerance ? 0 : kTailLevels - 1);
     EXPECT_EQ(kept.plane(1, 1).finest, kTailLevels - 1);
     EXPECT_EQ(kept.plane(0, 0).finest, kTailLevels - 1);
-    EXPECT_EQ(KeptTails(whole, 0).plane(1, 0).finest, 0) << "nothing may be off";
-    EXPECT_EQ(KeptTails(whole, 0).whole(1, 1).level(0, 0, 2)[77], 100 + off);
+    EXPECT_EQ(KeptTails(whole, kExact).plane(1, 0).finest, 0) << "nothing may be off";
+    EXPECT_EQ(KeptTails(whole, kExact).whole(1, 1).level(0, 0, 2)[77], 100 + off);
   }
-  // Normals may be off by more.
+  // Normals may be off by more; the second plane of a PTM may not.
   PatchTails whole = tailsOf(1, [](uint32_t, int, double, double) { return 100; });
   whole.level(0, 0, 4)[77] = 100 + kTailTolerance * kTailNormals;
-  EXPECT_EQ(KeptTails(whole).plane(0, 1).finest, kTailLevels - 1);
-  whole.level(0, 0, 4)[77] = 101 + kTailTolerance * kTailNormals;
+  EXPECT_EQ(KeptTails(whole, kOfNormals).plane(0, 1).finest, kTailLevels - 1);
   EXPECT_EQ(KeptTails(whole).plane(0, 1).finest, 0);
+  whole.level(0, 0, 4)[77] = 101 + kTailTolerance * kTailNormals;
+  EXPECT_EQ(KeptTails(whole, kOfNormals).plane(0, 1).finest, 0);
 }
 
 TEST(KeptTails, WhatWasNotReadIsZero) {
@@ -96,7 +98,7 @@ TEST(KeptTails, NoiseIsKeptAsItIs) {
   PatchTails whole(300, 6);  // more than a chunk
   for (uint8_t& t : whole.texels) t = static_cast<uint8_t>(random());
   for (uint16_t& h : whole.heights) h = static_cast<uint16_t>(random());
-  const KeptTails kept(whole);
+  const KeptTails kept(whole, kOfNormals);
   EXPECT_FALSE(kept.heightsAreEven());
   EXPECT_TRUE(kept.whole(0, 300) == whole);
   for (size_t i = 0; i < kTailHeights; ++i) ASSERT_EQ(kept.height(299, i), whole.heights[299 * kTailHeights + i]);
@@ -112,7 +114,7 @@ TEST(KeptTails, PatchesMeetAsWithAllLevels) {
   };
   const auto patches = static_cast<uint32_t>(mesh.patches.size());
   const PatchTails whole = tailsOf(patches, value);
-  const KeptTails kept(whole), all(whole, 0);
+  const KeptTails kept(whole, kOfNormals), all(whole, kExact);
   const TailBlocks of_kept(kept, mesh), of_all(all, mesh);
   const auto neighbours = patchNeighbours(mesh);
   double off = 0, apart = 0, as_of_mips = 0;
@@ -154,7 +156,7 @@ TEST(KeptTails, OfOnePlaneTheLevelsAreThoseItIsMadeOf) {
   PatchTails whole = tailsOf(2, [](uint32_t, int, double u, double) { return 100 + 20 * u; });
   for (int c = 3; c < 6; ++c)
     for (int i = 0; i < 256; ++i) whole.level(1, 0, c)[i] = static_cast<uint8_t>(random());
-  const KeptTails kept(whole);
+  const KeptTails kept(whole, kOfNormals);
   const TextureFormat format{.basis = Basis::kAlbedoNormal};
   const KeptTails lit = resolvedTails(kept, format, {0.3, -0.2, 0.9});
   EXPECT_EQ(lit.plane(0, 0).finest, kTailLevels - 1);

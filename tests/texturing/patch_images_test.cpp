@@ -251,7 +251,7 @@ PatchImages someImages(const BaseMesh& base) {
   for (const size_t p : {size_t{2}, size_t{7}}) all.of_patch[p].depth = kNoTexturePage, all.of_patch[p].in_tail = true;
   return all;
 }
-constexpr KindsOfImages kAllKinds{.jpegs = true, .in_tails = true};
+constexpr KindsOfImages kAllKinds{.jpegs = true, .in_tails = true, .by_base = true};
 constexpr uint64_t kTileBytes = 100 + 7 + 40'001;
 
 bool same(const PatchImages& a, const PatchImages& b) {
@@ -275,10 +275,43 @@ bool same(const PatchImages& a, const PatchImages& b) {
 TEST(PatchImages, TheDirectoryIsWithoutLoss) {
   const BaseMesh base = cubeSphere(3, 10, kSeed);
   const PatchImages all = someImages(base);
-  const auto bytes = encodePatchImages(all, base.patches);
-  const auto decoded = decodePatchImages(bytes, base.patches, kTileBytes, kAllKinds);
-  ASSERT_TRUE(decoded.ok()) << decoded.error().text();
-  EXPECT_TRUE(same(all, *decoded));
+  for (const bool by_base : {false, true}) {
+    const auto decoded = decodePatchImages(encodePatchImages(all, base, by_base), base, kTileBytes,
+                                           {.jpegs = true, .in_tails = true, .by_base = by_base});
+    ASSERT_TRUE(decoded.ok()) << decoded.error().text();
+    EXPECT_TRUE(same(all, *decoded));
+  }
+  EXPECT_FALSE(decodePatchImages(encodePatchImages(all, base, false), base, kTileBytes, kAllKinds).ok())
+      << "control: neither is the other";
+}
+
+// Where a surface is smooth, normals are the base's; where it is faceted, they are those of its planes.
+TEST(PatchImages, NormalsThatTheBaseTellsTakeHardlyAnyBytes) {
+  BaseMesh base = cubeSphere(16, 10, kSeed);
+  base.cut = true;
+  auto bytesOf = [](const glm::dvec3& n) { return glm::u8vec3(glm::round(127.5 * (n + 1.0))); };
+  for (const bool faceted : {false, true}) {
+    PatchImages all;
+    all.images = {{1, 1, false, false, false, {{100, 1}}}};
+    for (const auto& corners : base.patches) {
+      PatchImage& patch = all.of_patch.emplace_back();
+      patch.in_tail = true;
+      for (size_t half = 0; half < 2; ++half) {
+        const std::array<uint32_t, 3> of{corners[0], corners[half == 0 ? 1 : 2], corners[3]};
+        std::array<glm::dvec3, 3> at;
+        for (size_t k = 0; k < 3; ++k) at[k] = base.corners[of[k]].position_mm;
+        const glm::dvec3 plane = glm::normalize(glm::cross(at[1] - at[0], at[2] - at[0])) * (half == 0 ? -1.0 : 1.0);
+        for (size_t k = 0; k < 3; ++k)
+          patch.normal[half][k] = bytesOf(faceted ? plane : glm::dvec3(base.corners[of[k]].normal));
+      }
+    }
+    const size_t bytes = encodePatchImages(all, base, true).size(), before = encodePatchImages(all, base, false).size();
+    EXPECT_LT(bytes, 300u) << base.patches.size() << " patches";
+    EXPECT_GT(before, 10 * bytes);
+    const auto decoded = decodePatchImages(encodePatchImages(all, base, true), base, 100, kAllKinds);
+    ASSERT_TRUE(decoded.ok());
+    EXPECT_TRUE(same(all, *decoded));
+  }
 }
 
 TEST(PatchImages, ADirectoryOfAnythingIsOneOrAnError) {
@@ -286,15 +319,16 @@ TEST(PatchImages, ADirectoryOfAnythingIsOneOrAnError) {
   const PatchImages all = someImages(base);
   const auto refused = [&](const PatchImages& images, uint64_t tile_bytes, const char* why,
                            KindsOfImages kinds = kAllKinds) {
-    const auto decoded = decodePatchImages(encodePatchImages(images, base.patches), base.patches, tile_bytes, kinds);
+    const auto decoded = decodePatchImages(encodePatchImages(images, base, true), base, tile_bytes, kinds);
     EXPECT_FALSE(decoded.ok()) << why;
     if (!decoded) {
       EXPECT_EQ(decoded.error().kind, ErrorKind::kInvalidData);
     }
   };
   refused(all, kTileBytes - 1, "tiles of more bytes than there are");
-  refused(all, kTileBytes, "a JPEG before version 15", {.in_tails = true});
-  refused(all, kTileBytes, "images in tails alone before version 16", {.jpegs = true});
+  refused(all, kTileBytes, "a JPEG before version 15", {.in_tails = true, .by_base = true});
+  refused(all, kTileBytes, "images in tails alone before version 16", {.jpegs = true, .by_base = true});
+  refused(all, kTileBytes, "normals that follow the base before version 17", {.jpegs = true, .in_tails = true});
   PatchImages wrong = all;
   wrong.images[0].width = kMostShownSide + 1;
   refused(wrong, kTileBytes, "too wide");
@@ -320,7 +354,7 @@ TEST(PatchImages, ADirectoryOfAnythingIsOneOrAnError) {
   wrong = all;
   wrong.of_patch[1].at[1][2].x = kMostShownPlace + 1;
   refused(wrong, kTileBytes, "too far outside");
-  const auto bytes = encodePatchImages(all, base.patches);
+  const auto bytes = encodePatchImages(all, base, true);
   // The first patch that shows images names one that is not there.
   std::vector<uint8_t> raw(ZSTD_getFrameContentSize(bytes.data(), bytes.size()));
   ASSERT_EQ(ZSTD_decompress(raw.data(), raw.size(), bytes.data(), bytes.size()), raw.size());
@@ -330,14 +364,14 @@ TEST(PatchImages, ADirectoryOfAnythingIsOneOrAnError) {
     image = named;
     std::vector<uint8_t> frame(ZSTD_compressBound(raw.size()));
     frame.resize(ZSTD_compress(frame.data(), frame.size(), raw.data(), raw.size(), 1));
-    EXPECT_EQ(decodePatchImages(frame, base.patches, kTileBytes, kAllKinds).ok(), named < 2);
+    EXPECT_EQ(decodePatchImages(frame, base, kTileBytes, kAllKinds).ok(), named < 2);
   }
   int sound = 0;
   for (uint64_t i = 0; i < 4000; ++i) {
     std::vector<uint8_t> damaged = bytes;
     damaged[mixBits(3 * i) % bytes.size()] = static_cast<uint8_t>(mixBits(3 * i + 1));
     if (i % 3 == 0) damaged.resize(mixBits(3 * i + 2) % bytes.size());
-    sound += decodePatchImages(damaged, base.patches, kTileBytes, kAllKinds).ok();
+    sound += decodePatchImages(damaged, base, kTileBytes, kAllKinds).ok();
   }
   EXPECT_LT(sound, 4000);
 }
@@ -408,7 +442,7 @@ TEST(PatchImages, PagesOfAPackageAreWhatItsImagesShow) {
   ASSERT_TRUE(opened.ok()) << opened.error().text();
   const Package& package = **opened;
   EXPECT_TRUE(package.warnings().empty());
-  EXPECT_EQ(packageVersion(package.header()), 16u);
+  EXPECT_EQ(packageVersion(package.header()), 17u);
   const auto shown = package.shownImages();
   EXPECT_EQ(shown.images, 2u);
   EXPECT_EQ(shown.patches, 8u);
@@ -469,7 +503,7 @@ TEST(PatchImages, TailsAreMadeOfThem) {
   options.texture_tolerance = 0;  // images are stored as they are
   ASSERT_TRUE(buildPatchPackage(source, options).ok());
   auto package = *Package::open(options.output);
-  EXPECT_EQ(packageVersion(package->header()), 16u);
+  EXPECT_EQ(packageVersion(package->header()), 17u);
   EXPECT_EQ(package->shownImages().patches, 16u);
   const auto report = verifyPackage(*package, 2, nullptr);
   ASSERT_TRUE(report.ok());
@@ -520,6 +554,66 @@ TEST(PatchImages, TailsAreMadeOfThem) {
   // 16 tails of 2,040 texels.
   const auto tailBytes = [](const Package& of) { return of.tailBytes()->all; };
   EXPECT_LT(tailBytes(*package) + 8'000, tailBytes(*before));
+}
+
+// In place of a copy of its base mesh a package has what makes it good: fewer bytes, and as little is lost.
+TEST(PatchImages, ADamagedBaseMeshIsMadeGoodByItsParity) {
+  ScratchFolder folder;
+  const ShowingPatches source(pictureOf(64, 130, false, 6), true);
+  BuildOptions options = optionsOf(folder.file("a.relievo"));
+  ASSERT_TRUE(buildPatchPackage(source, options).ok());
+  options.output = folder.file("b.relievo");
+  options.base_parity = false;
+  ASSERT_TRUE(buildPatchPackage(source, options).ok());
+  const auto package = *Package::open(folder.file("a.relievo")), before = *Package::open(options.output);
+  const PackageHeader h = package->header();
+  EXPECT_EQ(packageVersion(h), 17u);
+  EXPECT_EQ(packageVersion(before->header()), 16u);
+  EXPECT_TRUE(package->wholeTails(1, nullptr) == before->wholeTails(1, nullptr)) << "the same artwork";
+  EXPECT_EQ(h.base_bytes, before->header().base_bytes);
+  EXPECT_LT(h.baseCopyBytes(), h.base_bytes / 2);
+  const std::vector<uint8_t> sound = readAll(folder.file("a.relievo"));
+  const std::string path = folder.file("c.relievo");
+  struct Fault {
+    uint64_t at, count;
+    std::string what, hint;
+  };
+  const std::string base_at = " at byte " + std::to_string(h.base_offset),
+                    parity_at = " at byte " + std::to_string(h.base_copy_offset);
+  for (const Fault& fault : {Fault{h.base_offset, 1, "the base mesh", "parity"},
+                             Fault{h.base_offset + 40, parityBlockBytes(h.base_bytes), "the base mesh", "parity"},
+                             Fault{h.base_copy_offset + 20, 1, "the base mesh's parity", "base mesh"},
+                             Fault{h.base_copy_offset + 150, 7, "the base mesh's parity", "base mesh"}}) {
+    std::vector<uint8_t> broken = sound;
+    for (uint64_t i = 0; i < fault.count; ++i) broken[fault.at + i] ^= 0x21;
+    writeAll(path, broken);
+    auto damaged = Package::open(path);
+    ASSERT_TRUE(damaged.ok()) << damaged.error().text();
+    EXPECT_EQ(*(*damaged)->manifest().base, *package->manifest().base);
+    const bool of_base = fault.hint == "parity";
+    ASSERT_EQ((*damaged)->warnings().size(), of_base ? 1u : 0u) << "nobody needs the parity";
+    if (of_base) {
+      EXPECT_EQ((*damaged)->warnings()[0], "the base mesh" + base_at + " is damaged; its parity makes it good");
+    }
+    const auto report = verifyPackage(**damaged, 1, nullptr);
+    ASSERT_TRUE(report.ok());
+    ASSERT_EQ(report->other.size(), 1u);
+    EXPECT_EQ(report->other[0], fault.what + (of_base ? base_at : parity_at) + " is damaged; the base mesh" +
+                                    (of_base ? "'s parity" + parity_at : base_at) + " makes it good");
+    const auto repaired = repairPackage(path);
+    ASSERT_TRUE(repaired.ok()) << repaired.error().text();
+    EXPECT_EQ(repaired->size(), 1u);
+    EXPECT_TRUE(readAll(path) == sound);
+  }
+  // Negative control: half of it gone.
+  std::vector<uint8_t> broken = sound;
+  for (uint64_t i = 0; i < h.base_bytes / 2; ++i) broken[h.base_offset + i] ^= 0x21;
+  writeAll(path, broken);
+  const auto lost = Package::open(path);
+  ASSERT_FALSE(lost.ok());
+  EXPECT_NE(lost.error().text().find("the base mesh is damaged: its checksum does not match"), std::string::npos);
+  EXPECT_FALSE(repairPackage(path).ok());
+  EXPECT_TRUE(readAll(path) == broken);
 }
 
 // What cannot be had of an image is grey, and is named; all else is there.

@@ -43,3 +43,4 @@ relievo_test(image_jpeg_test MEMORY LIBS relievo_package JPEG::JPEG SOURCES text
 relievo_test(patch_images_test MEMORY OPTIMISED LIBS relievo_stream relievo_import zstd::libzstd_shared SOURCES texturing/patch_images_test.cpp)
 relievo_test(patch_tails_test MEMORY OPTIMISED COST 30 LIBS relievo_stream relievo_import SOURCES texturing/patch_tails_test.cpp)
 relievo_test(kept_tails_test OPTIMISED LIBS relievo_package SOURCES texturing/kept_tails_test.cpp)
+relievo_test(base_parity_test OPTIMISED LIBS relievo_package SOURCES texturing/base_parity_test.cpp)

@@ -51,8 +51,6 @@ bool shownRows(const uint8_t* coarse, int finer, int side, Row&& row) {
 
 // The coarsest level that shows the finest one.
 int coarsestThatShows(const PatchTails& tails, uint32_t patch, int plane, int tolerance) {
-  const bool normals = tails.channels == 6 && plane == 1;
-  if (normals) tolerance *= kTailNormals;
   auto shows = [&](int level, int channel) {
     const uint8_t* finest = tails.level(patch, 0, channel);
     return shownRows(tails.level(patch, level, channel), level, kTailTexels, [&](int y, const auto& values) {
@@ -78,7 +76,12 @@ static_assert(kTailTexels == 1 << 4);
 
 }  // namespace
 
-KeptTails::KeptTails(uint32_t patches, int channels, int tolerance)
+int KeptTailTolerance::ofPlane(int plane) const {
+  constexpr int kPlane = kNormalChannel / 3;
+  return normals && plane == kPlane ? kTailNormals * of_255 : of_255;
+}
+
+KeptTails::KeptTails(uint32_t patches, int channels, KeptTailTolerance tolerance)
     : patches_(patches),
       channels_(channels),
       tolerance_(tolerance),
@@ -92,8 +95,8 @@ KeptTails::KeptTails(uint32_t patches, int channels, int tolerance)
   }
 }
 
-KeptTails::KeptTails(const PatchTails& tails) : KeptTails(tails, kTailTolerance) {}
-KeptTails::KeptTails(const PatchTails& tails, int tolerance) : KeptTails(tails.patches, tails.channels, tolerance) {
+KeptTails::KeptTails(const PatchTails& tails, KeptTailTolerance tolerance)
+    : KeptTails(tails.patches, tails.channels, tolerance) {
   for (uint32_t first = 0; first < patches_; first += kChunkPatches) {
     const uint32_t count = std::min(kChunkPatches, patches_ - first);
     PatchTails chunk(count, channels_);
@@ -134,7 +137,7 @@ void KeptTails::keep(uint32_t first, const PatchTails& tails) {
   size_t texels = 0;
   for (uint32_t p = 0; p < tails.patches; ++p)
     for (int plane = 0; plane < planes(); ++plane) {
-      finest.push_back(coarsestThatShows(tails, p, plane, tolerance_));
+      finest.push_back(coarsestThatShows(tails, p, plane, tolerance_.ofPlane(plane)));
       texels += levelAt(finest.back(), kTailLevels);
     }
   chunk.texels.reserve(texels);
@@ -308,19 +311,16 @@ TailBlocks::Texel TailBlocks::beyondCorner(uint32_t patch, size_t k, int level, 
     }
     for (size_t c = 0; c < 3; ++c) sum[c] += theirs[c];
   }
-  const Texel edge = onCorner(of, level, k, false),
-              beside = beyondSide(patch, k % 2 ? kRight : kLeft, k / 2, level, plane, itself),
-              above = beyondSide(patch, k / 2 ? kBottom : kTop, k % 2, level, plane, itself);
+  const int last = PatchTails::side(level) - 1;
+  // Without what ends there, but for what the patches go on to.
+  auto beyondEnd = [&](size_t side, bool at_last) {
+    return beyond(patch, side, at_last ? last : 0, level, plane, itself, itself ? ends_ : GutterEnds{});
+  };
+  const Texel edge = onCorner(of, level, k, false), beside = beyondEnd(k % 2 ? kRight : kLeft, k / 2),
+              above = beyondEnd(k / 2 ? kBottom : kTop, k % 2);
   std::array<int, 3> out;
   for (size_t c = 0; c < 3; ++c) out[c] = (8 * sum[c] + meet) / (2 * meet) - edge[c] - beside[c] - above[c];
   return texelOf(out);
-}
-
-// Beyond the first or the last texel of a side, without what ends there.
-TailBlocks::Texel TailBlocks::beyondSide(uint32_t patch, size_t side, bool last, int level, int plane,
-                                         bool itself) const {
-  const int along = last ? PatchTails::side(level) - 1 : 0;
-  return beyond(patch, side, along, level, plane, itself, itself ? ends_ : GutterEnds{});
 }
 
 // Beyond a texel of a side: the neighbour's. itself: what makes the mean of both that of what both go on to at the

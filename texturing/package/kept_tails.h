@@ -17,6 +17,11 @@ namespace relievo {
 // Of 255: by so much the finest level may differ from what a coarser one shows there, filtered bilinearly and rounded;
 // normals' components by kTailNormals times as much, as of two triangles that are no bilinear patch.
 inline constexpr int kTailTolerance = 1, kTailNormals = 3;
+struct KeptTailTolerance {
+  int of_255 = kTailTolerance;
+  bool normals = false;  // hasNormals()
+  int ofPlane(int plane) const;
+};
 
 class KeptTails {
  public:
@@ -24,9 +29,9 @@ class KeptTails {
 
   KeptTails() = default;
   // Until any are kept, all texels and heights are 0.
-  KeptTails(uint32_t patches, int channels, int tolerance = kTailTolerance);
-  KeptTails(const PatchTails& tails);  // of all patches; not explicit: who has whole tails hands over these
-  KeptTails(const PatchTails& tails, int tolerance);
+  KeptTails(uint32_t patches, int channels, KeptTailTolerance tolerance = {});
+  // Of all patches; not explicit: who has whole tails hands over these.
+  KeptTails(const PatchTails& tails, KeptTailTolerance tolerance = {});
 
   // Tails of patches first .. first + tails.patches: of one chunk, all that it has. Chunks may be kept on several
   // threads.
@@ -41,7 +46,6 @@ class KeptTails {
   const PageFailures& failures() const { return failures_; }
 
   uint32_t patches() const { return patches_; }
-  int channels() const { return channels_; }
   int planes() const { return channels_ / 3; }
   // Three channels of a patch.
   struct Plane {
@@ -84,7 +88,8 @@ class KeptTails {
   static void keepPlane(Chunk& chunk, const PatchTails& tails, uint32_t patch, int plane, int finest);
 
   uint32_t patches_ = 0;
-  int channels_ = 0, tolerance_ = kTailTolerance;
+  int channels_ = 0;
+  KeptTailTolerance tolerance_;
   std::vector<Chunk> chunks_;
   PageFailures failures_;  // root pages, and those whose images, some of them should have been made of
 };
@@ -108,7 +113,6 @@ class TailBlocks {
   Texel onSide(const KeptTails::Plane& of, int level, size_t side, int along, bool itself) const;
   Texel onCorner(const KeptTails::Plane& of, int level, size_t corner, bool itself) const;
   Texel beyond(uint32_t patch, size_t side, int along, int level, int plane, bool itself, const GutterEnds& ends) const;
-  Texel beyondSide(uint32_t patch, size_t side, bool last, int level, int plane, bool itself) const;
   Texel beyondCorner(uint32_t patch, size_t corner, int level, int plane, bool itself) const;
   const KeptTails& tails_;
   const BaseMesh& base_;

@@ -93,7 +93,8 @@ class Package final : public PageSource {
   struct ShownImages {
     size_t images = 0;
     uint32_t patches = 0;
-    uint64_t bytes = 0;  // in the file
+    uint64_t bytes = 0;       // in the file
+    bool one_colour = false;  // one image of one texel
   };
   ShownImages shownImages() const;
   // Calls problem(error) for each damaged part of them, as it is found, until *stop is set.
@@ -112,7 +113,7 @@ class Package final : public PageSource {
   // of these, which are read for it. False: the package has none (an older one, or a flat artwork).
   bool hasTails() const;
   // Ends soon after *stop is set (it may be null); what it answers then is not to be used.
-  // tolerance: KeptTails'.
+  // tolerance: KeptTailTolerance::of_255.
   KeptTails tails(int workers, std::vector<std::string>* problems, const std::atomic<bool>* stop = nullptr,
                   int tolerance = kTailTolerance) const;
   // The same with all levels, patch by patch.

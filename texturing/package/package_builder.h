@@ -57,6 +57,9 @@ struct BuildOptions {
   // Of packages with images that patches show: the tails of these are made of the images, and patches whose tail is all
   // that they need may show images, too; else the package is one of version 13 to 15.
   bool image_tails = true;
+  // Of packages with such tails: in place of a copy of the base mesh there is what makes it good (base_parity.h), and
+  // normals of images are predicted by it; else the package is one of version 16.
+  bool base_parity = true;
   // Of packages with coded tails and a texture_tolerance: texels of tails are rounded within it to what takes fewer
   // bytes.
   bool rounded_tails = true;

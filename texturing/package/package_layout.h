@@ -15,6 +15,7 @@
 #include "src/base/result.h"
 #include "texturing/codec/page_encoding.h"
 #include "texturing/codec/page_id.h"
+#include "texturing/package/base_parity.h"
 
 namespace relievo {
 
@@ -80,6 +81,9 @@ struct PackageHeader {
   bool image_jpegs = false;
   // Version 16, one of version 15 where tails of patches that show images are made of these.
   bool image_tails = false;
+  // Version 17, one of version 16 with a parity in place of the base mesh's copy (base_parity.h), and whose images'
+  // normals are predicted by the base mesh.
+  bool base_parity = false;
   // Version 14, one of version 12 or 13 with cut patches whose tails' colours end at edges (isColourEdge()).
   bool tail_edges = false;
   uint64_t tilesOffset() const { return tails_offset + tails_bytes; }
@@ -89,16 +93,18 @@ struct PackageHeader {
   uint32_t detailBytes() const {
     return relief_detail ? kReliefDetailBytes + (relief_shapes ? kReliefShapesBytes : 0) : 0;
   }
-  // The base mesh, twice (0 bytes: a flat artwork): package_base.h.
+  // The base mesh (0 bytes: a flat artwork), package_base.h; and its copy, or its parity.
   uint64_t base_offset = 0, base_bytes = 0, base_hash = 0, base_copy_offset = 0;
+  uint64_t baseCopyBytes() const { return base_parity ? parityBytes(base_bytes) : base_bytes; }
   // The directory of the patches' tails (0 bytes: there are none): package_tails.h.
   uint64_t tails_offset = 0, tails_bytes = 0, tails_hash = 0;
 };
-// 16 to 4 where it is compact; else 3 where the header describes the basis; else 1, or 2 with a base mesh: packages
+// 17 to 4 where it is compact; else 3 where the header describes the basis; else 1, or 2 with a base mesh: packages
 // of those bases stay what they were.
 inline uint32_t packageVersion(const PackageHeader& h) {
   if (h.compact)
-    return h.image_tails      ? 16
+    return h.base_parity      ? 17
+           : h.image_tails    ? 16
            : h.image_jpegs    ? 15
            : h.tail_edges     ? 14
            : h.showsImages()  ? 13

@@ -192,8 +192,9 @@ struct Package::Impl {
       if (XXH3_64bits(bytes.data(), bytes.size()) != header.images_hash)
         return damagedImages("the images that patches show are damaged: their directory's checksum does not match",
                              offset);
-      auto decoded = decodePatchImages(bytes, manifest.base->patches, offset - header.tilesOffset(),
-                                       {.jpegs = header.image_jpegs, .in_tails = header.image_tails});
+      auto decoded = decodePatchImages(
+          bytes, *manifest.base, offset - header.tilesOffset(),
+          {.jpegs = header.image_jpegs, .in_tails = header.image_tails, .by_base = header.base_parity});
       if (!decoded) return damagedImages(decoded.error().message, offset);
       for (const PatchImage& patch : decoded->of_patch)
         if (patch.depth > header.domain.texture_depth)
@@ -321,15 +322,27 @@ struct Package::Impl {
     return header.compact && static_cast<int>(node.level) == header.domain.relief_depth && layout.relief.contains(node);
   }
 
-  // Nothing can be drawn without it, so it is there twice.
+  Result<std::vector<uint8_t>> readWhole(const char* what, uint64_t offset, uint64_t size) const {
+    // Checked before the allocation: the file may be truncated.
+    if (offset > file.size() || size > file.size() - offset)
+      return Error{ErrorKind::kInvalidData, file.path(), std::string(what) + " lies beyond the end of the file",
+                   "get a whole copy", offset};
+    std::vector<uint8_t> bytes(size);
+    if (auto read = file.read(offset, bytes); !read) return read.error();
+    return bytes;
+  }
+
+  // Nothing can be drawn without it, so it is there twice, or is made good by its parity.
   Result<void> readBase() {
-    auto readAt = [&](uint64_t offset) -> Result<BaseSection> {
-      // Checked before the allocation: the file may be truncated.
-      if (offset > file.size() || header.base_bytes > file.size() - offset)
-        return Error{ErrorKind::kInvalidData, file.path(), "the base mesh lies beyond the end of the file",
-                     "get a whole copy", offset};
-      std::vector<uint8_t> bytes(header.base_bytes);
-      if (auto read = file.read(offset, bytes); !read) return read.error();
+    auto readAt = [&](uint64_t offset, bool mend) -> Result<BaseSection> {
+      auto read = readWhole("the base mesh", offset, header.base_bytes);
+      if (!read) return read.error();
+      std::vector<uint8_t>& bytes = *read;
+      if (mend) {
+        const auto parity = readWhole("the base mesh's parity", header.base_copy_offset, header.baseCopyBytes());
+        if (!parity) return parity.error();
+        mendByParity(*parity, bytes);
+      }
       if (XXH3_64bits(bytes.data(), bytes.size()) != header.base_hash)
         return Error{ErrorKind::kInvalidData, file.path(), "the base mesh is damaged: its checksum does not match",
                      "rebuild the package, or get a whole copy", offset};
@@ -345,14 +358,14 @@ struct Package::Impl {
       error.offset = offset + error.offset.value_or(0);
       return error;
     };
-    auto section = readAt(header.base_offset);
+    auto section = readAt(header.base_offset, false);
     if (!section) {
       const Error first = section.error();
-      section = readAt(header.base_copy_offset);
+      section = readAt(header.base_parity ? header.base_offset : header.base_copy_offset, header.base_parity);
       if (!section) return first;
       warnings.push_back("the base mesh at byte " + std::to_string(header.base_offset) +
                          (first.kind == ErrorKind::kIo ? " cannot be read: " + first.message : " is damaged") +
-                         "; its copy is used");
+                         (header.base_parity ? "; its parity makes it good" : "; its copy is used"));
     }
     section->mesh.cut = header.cut_patches;
     manifest.tail_edges = header.tail_edges;
@@ -580,7 +593,8 @@ Package::ShownImages Package::shownImages() const {
   return {impl_->images.images.size(),
           static_cast<uint32_t>(
               std::count_if(patches.begin(), patches.end(), [](const PatchImage& p) { return p.shows(); })),
-          h.images_offset - h.tilesOffset() + h.images_bytes};
+          h.images_offset - h.tilesOffset() + h.images_bytes,
+          impl_->images.images.size() == 1 && impl_->images.images[0].width * impl_->images.images[0].height == 1};
 }
 
 void Package::checkImages(const std::function<void(const Error&)>& problem, const std::atomic<bool>* stop) const {
@@ -626,7 +640,8 @@ void Package::Impl::forTails(const Package& package, int workers, std::vector<st
 
 KeptTails Package::tails(int workers, std::vector<std::string>* problems, const std::atomic<bool>* stop,
                          int tolerance) const {
-  KeptTails out(manifest().domain.patchCount(), manifest().texture.channels(), tolerance);
+  const TextureFormat& format = manifest().texture;
+  KeptTails out(manifest().domain.patchCount(), format.channels(), {tolerance, hasNormals(format)});
   std::mutex mutex;
   impl_->forTails(*this, workers, problems, stop, [&](uint32_t first, const PatchTails& part) {
     out.keep(first, part);

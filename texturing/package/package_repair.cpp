@@ -85,6 +85,8 @@ Result<void> copyWithin(const WritableFile& file, const SectionFault& fault, con
     present.resize(sound.size());
     if (fault.mend == SectionFault::Mend::kCopy)
       if (auto got = file.read(fault.from + done, sound); !got) return got;
+    if (fault.mend == SectionFault::Mend::kBytes)
+      std::copy_n(fault.sound.begin() + static_cast<std::ptrdiff_t>(done), sound.size(), sound.begin());
     if (auto got = file.read(fault.offset + done, present); !got) return got;
     if (sound == present) continue;
     if (auto put = file.write(fault.offset + done, sound); !put) return put;
@@ -128,7 +130,7 @@ Result<std::vector<std::string>> repairPackage(const std::string& path, const st
     if (auto done = copyWithin(*file, fault, interrupted); !done) return done.error();
     if (auto done = file->sync(); !done) return done.error();
     repaired.push_back(fault.what +
-                       (fault.mend == SectionFault::Mend::kCopy ? ": written anew from there" : ": zeros written"));
+                       (fault.mend == SectionFault::Mend::kZeros ? ": zeros written" : ": written anew from there"));
   }
   return repaired;
 }

@@ -76,7 +76,8 @@ std::vector<Section> sectionsOf(const PackageHeader& h) {
                                 {"the header's copy", h.file_bytes - kHeaderBytes, kHeaderBytes}};
   if (h.base_bytes > 0) {
     sections.push_back({"the base mesh", h.base_offset, h.base_bytes, true});
-    sections.push_back({"the base mesh's copy", h.base_copy_offset, h.base_bytes});
+    sections.push_back(
+        {h.base_parity ? "the base mesh's parity" : "the base mesh's copy", h.base_copy_offset, h.baseCopyBytes()});
   }
   // The tails themselves are checked one by one: they lie from the pages' end to their directory.
   if (const uint64_t pages_end = h.pages_offset + h.pages_bytes; h.tails_bytes > 0 && h.tails_offset >= pages_end)
@@ -142,6 +143,7 @@ class SectionCheck {
 
   Result<void> checkBases() {
     if (header_.base_bytes == 0) return {};
+    if (header_.base_parity) return checkParity();
     const Copies bases{"the base mesh", {header_.base_offset, header_.base_copy_offset}, header_.base_bytes};
     Result<void> stopped;
     addCopies(
@@ -156,6 +158,55 @@ class SectionCheck {
         },
         faults_);
     return stopped;
+  }
+
+  // Of a base mesh that is not there twice. Either tells what belongs at the other's place.
+  Result<void> checkParity() {
+    struct Part {
+      const char* what;
+      uint64_t offset;
+      std::vector<uint8_t> bytes;
+      bool is_there = false;
+    };
+    Part base{"the base mesh", header_.base_offset, {}}, parity{"the base mesh's parity", header_.base_copy_offset, {}};
+    auto readPart = [&](Part& part, uint64_t bytes) {
+      if (!inFile(part.offset, bytes)) return say(at(part.what, part.offset) + " lies beyond the end of the file");
+      part.bytes.resize(bytes);
+      auto got = read_(part.offset, part.bytes);
+      part.is_there = got.ok();
+      if (!got)
+        say(at(part.what, part.offset) + " cannot be read: " + got.error().message, got.error().kind == ErrorKind::kIo);
+    };
+    auto damaged = [&](const Part& part, std::vector<uint8_t> sound, const Part& by) {
+      SectionFault fault;
+      fault.what = at(part.what, part.offset) + " is damaged";
+      if (!sound.empty()) {
+        fault.what += "; " + at(by.what, by.offset) + " makes it good";
+        fault.mend = SectionFault::Mend::kBytes;
+        fault.offset = part.offset;
+        fault.bytes = sound.size();
+        fault.sound = std::move(sound);
+      }
+      faults_.push_back(std::move(fault));
+    };
+    readPart(base, header_.base_bytes);
+    if (stop_ && stop_->load()) return Error{ErrorKind::kInterrupted, "", "interrupted", "", {}};
+    readPart(parity, header_.baseCopyBytes());
+    auto isSound = [&](std::span<const uint8_t> bytes) {
+      return XXH3_64bits(bytes.data(), bytes.size()) == header_.base_hash;
+    };
+    if (base.is_there && !isSound(base.bytes)) {
+      std::vector<uint8_t> mended = base.bytes;
+      if (parity.is_there) mendByParity(parity.bytes, mended);
+      if (!isSound(mended)) mended.clear();
+      else base.bytes = mended;
+      damaged(base, std::move(mended), parity);
+    }
+    if (!parity.is_there || (base.is_there && parityOf(base.bytes) == parity.bytes)) return {};
+    const bool known = base.is_there && isSound(base.bytes);
+    // Of a base mesh that is lost nothing tells whether its parity is sound.
+    if (known) damaged(parity, parityOf(base.bytes), base);
+    return {};
   }
 
   // What lies between the sections.

@@ -32,6 +32,9 @@ Result<std::unique_ptr<SpillStore>> SpillStore::create(uint64_t size, bool in_me
     if (store->fd_ >= 0) ::unlink(name.c_str());
   }
   if (store->fd_ < 0) return store->failed("creating a temporary file beside it", errno);
+  // What nobody writes may be read.
+  if (::ftruncate(store->fd_, static_cast<off_t>(size)) != 0)
+    return store->failed("making a temporary file beside it as large as it gets", errno);
   return store;
 }
 
@@ -356,9 +359,11 @@ Result<uint64_t> PackageWriter::finish(const std::atomic<bool>* interrupted) {
   if (!base_.empty()) {
     h.base_copy_offset = offset_;
     h.base_hash = XXH3_64bits(base_.data(), base_.size());
-    if (auto appended = file_.append(base_); !appended) return appended.error();
+    const std::vector<uint8_t> copy = h.base_parity ? parityOf(base_) : base_;
+    if (auto appended = file_.append(copy); !appended) return appended.error();
+    offset_ += copy.size();
   }
-  h.file_bytes = offset_ + base_.size() + kHeaderBytes;
+  h.file_bytes = offset_ + kHeaderBytes;
   std::vector<uint8_t> head(kHeaderBytes);
   encodeHeader(h, head);
   if (auto appended = file_.append(head); !appended) return appended.error();

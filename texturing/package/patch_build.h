@@ -82,6 +82,13 @@ struct Context {
   }
   // Whose tails are made by whoever reads the package.
   bool tailIsMade(uint32_t patch) const { return header.image_tails && showsImage(patch); }
+  // Is the finest level of its tail asked for? By finer ones of its own, and by those of patches beside it.
+  bool tailIsRead(uint32_t patch) const {
+    auto isFiner = [&](uint32_t p) { return own_depth[p] != kTail; };
+    return isFiner(patch) || std::any_of(neighbours[patch].begin(), neighbours[patch].end(), [&](const auto& n) {
+             return n.patch != PatchNeighbour::kNone && isFiner(n.patch);
+           });
+  }
   // The corners of patches that meet at corner c of the mesh: at[first[c]] .. at[first[c + 1]], as patch * 4 + corner.
   std::vector<uint32_t> first, at;
 

@@ -23,7 +23,7 @@ constexpr int kZstdLevel = 19;
 constexpr uint8_t kRepeats = 1, kIsJpeg = 2, kFill = 4;  // of an image
 constexpr uint8_t kInTail = 255;                         // where others have the number of their levels
 constexpr int kPlaceLog2 = 8;                            // PatchImage::at counts 256ths of texels
-constexpr size_t kImageHeadBytes = 9, kTileBytes = 12, kPatchBytes = 1, kHalvesBytes = 2 * 2,
+constexpr size_t kImageHeadBytes = 9, kTileBytes = 12, kPatchBytes = 1, kHalvesBytes = 2 * 2, kByPlaneBytes = 2,
                  kPlacesBytes = 2 * 3 * (8 + 3);
 
 // n: below 2^32; most v are within.
@@ -38,28 +38,41 @@ uint32_t cornerAt(const std::array<uint32_t, 4>& patch, size_t half, size_t k) {
   return patch[k == 0 ? 0 : k == 2 ? 3 : half == 0 ? 1 : 2];
 }
 
+glm::u8vec3 normalBytes(const glm::dvec3& normal) {
+  glm::u8vec3 out;
+  for (int axis = 0; axis < 3; ++axis)
+    out[axis] = static_cast<uint8_t>(std::clamp(std::floor(127.5 * normal[axis] + 128), 0.0, 255.0));
+  return out;
+}
+
+// That of a half's plane, outwards; of none that of its first corner.
+glm::dvec3 planeNormal(const BaseMesh& base, uint32_t patch, size_t half) {
+  std::array<glm::dvec3, 3> at;
+  for (size_t k = 0; k < 3; ++k) at[k] = base.corners[cornerAt(base.patches[patch], half, k)].position_mm;
+  const glm::dvec3 first = at[1] - at[0], second = at[2] - at[1],
+                   across = half == 0 ? glm::cross(second, first) : glm::cross(first, second);
+  const double length = std::sqrt(across.x * across.x + across.y * across.y + across.z * across.z);
+  return length > 0 ? across / length : glm::dvec3(base.corners[base.patches[patch][0]].normal);
+}
+
 // Places and normals are predicted: by what the last half before has at this corner of the base mesh, places only if it
 // shows the same image; else by the last place before in that image, at first 0, and the last normal before, at first
-// 0.
+// 0. From version 17 on normals by the corner's own instead of the last one; or all of a half by its plane.
 class CornerPredictor {
  public:
-  CornerPredictor(size_t corners, size_t images) : of_corner_(corners), last_(images, glm::ivec2(0)) {}
+  using Normals = std::array<glm::u8vec3, 3>;
+  CornerPredictor(const BaseMesh& base, size_t images, bool by_base)
+      : base_(base), by_base_(by_base), of_corner_(base.corners.size()), last_(images, glm::ivec2(0)) {
+    for (size_t c = 0; by_base && c < of_corner_.size(); ++c)
+      of_corner_[c].normal = normalBytes(base.corners[c].normal);
+  }
   // place(expected, there) and normal(expected, there) are told what is predicted and answer with what is there.
-  template <class Place, class Normal>
-  void run(PatchCornersOf corners, std::span<PatchImage> patches, Place&& place, Normal&& normal) {
-    for (size_t p = 0; p < patches.size(); ++p) {
-      PatchImage& patch = patches[p];
-      if (!patch.shows()) continue;
-      for (size_t half = 0; half < 2; ++half)
-        for (size_t k = 0; k < 3; ++k) {
-          Known& known = of_corner_[cornerAt(corners[p], half, k)];
-          glm::ivec2& last = last_[patch.image[half]];
-          patch.at[half][k] = last = place(known.image == patch.image[half] ? known.at : last, patch.at[half][k]);
-          patch.normal[half][k] = last_normal_ =
-              normal(known.image >= 0 ? known.normal : last_normal_, patch.normal[half][k]);
-          known = {patch.image[half], last, last_normal_};
-        }
-    }
+  // byPlane(by corners, by plane, there): whether it is the plane that says what is expected.
+  template <class Place, class ByPlane, class Normal>
+  void run(std::span<PatchImage> patches, Place&& place, ByPlane&& by_plane, Normal&& normal) {
+    for (uint32_t p = 0; p < patches.size(); ++p)
+      for (size_t half = 0; patches[p].shows() && half < 2; ++half)
+        runHalf(p, half, patches[p], place, by_plane, normal);
   }
 
  private:
@@ -68,15 +81,37 @@ class CornerPredictor {
     glm::ivec2 at{0};
     glm::u8vec3 normal{0};
   };
+  template <class Place, class ByPlane, class Normal>
+  void runHalf(uint32_t p, size_t half, PatchImage& patch, Place&& place, ByPlane&& by_plane, Normal&& normal) {
+    Normals by_corners{}, of_plane{};
+    if (by_base_) {
+      for (size_t k = 0; k < 3; ++k) by_corners[k] = of_corner_[cornerAt(base_.patches[p], half, k)].normal;
+      of_plane.fill(normalBytes(planeNormal(base_, p, half)));
+    }
+    const bool plane = by_base_ && by_plane(by_corners, of_plane, patch.normal[half]);
+    for (size_t k = 0; k < 3; ++k) {
+      Known& known = of_corner_[cornerAt(base_.patches[p], half, k)];
+      glm::ivec2& last = last_[patch.image[half]];
+      patch.at[half][k] = last = place(known.image == patch.image[half] ? known.at : last, patch.at[half][k]);
+      const glm::u8vec3 expected = plane ? of_plane[k] : by_base_ || known.image >= 0 ? known.normal : last_normal_;
+      patch.normal[half][k] = last_normal_ = normal(expected, patch.normal[half][k]);
+      known = {patch.image[half], last, last_normal_};
+    }
+  }
+  const BaseMesh& base_;
+  bool by_base_;
   std::vector<Known> of_corner_;
   glm::u8vec3 last_normal_{0};
   std::vector<glm::ivec2> last_;  // by image
 };
 
-size_t cornersOf(PatchCornersOf patches) {
-  uint32_t most = 0;
-  for (const auto& patch : patches) most = std::max(most, *std::max_element(patch.begin(), patch.end()));
-  return size_t{most} + 1;
+// How far normals are off, as bytes have it.
+int offBy(const CornerPredictor::Normals& expected, const CornerPredictor::Normals& there) {
+  int sum = 0;
+  for (size_t k = 0; k < 3; ++k)
+    for (int axis = 0; axis < 3; ++axis)
+      sum += std::abs(static_cast<int8_t>(static_cast<uint8_t>(there[k][axis] - expected[k][axis])));
+  return sum;
 }
 
 uint32_t folded(int32_t v) { return (static_cast<uint32_t>(v) << 1) ^ static_cast<uint32_t>(v >> 31); }
@@ -347,7 +382,7 @@ void fillImage(const SourceImage& image, size_t number, std::span<const PatchIma
   std::move(marks).fillRest(rgb);
 }
 
-std::vector<uint8_t> encodePatchImages(const PatchImages& all, PatchCornersOf corners) {
+std::vector<uint8_t> encodePatchImages(const PatchImages& all, const BaseMesh& base, bool by_base) {
   std::vector<uint8_t> raw;
   auto put = [&](auto v) {
     raw.resize(raw.size() + sizeof v);
@@ -371,19 +406,25 @@ std::vector<uint8_t> encodePatchImages(const PatchImages& all, PatchCornersOf co
       for (const uint16_t image : patch.image) put(image);
   std::array<std::vector<uint32_t>, 2> places;
   std::array<std::vector<uint8_t>, 3> normals;
-  CornerPredictor(cornersOf(corners), all.images.size())
+  std::vector<uint8_t> by_plane;
+  CornerPredictor(base, all.images.size(), by_base)
       .run(
-          corners, patches,
+          patches,
           [&](const glm::ivec2& expected, const glm::ivec2& there) {
             for (int axis = 0; axis < 2; ++axis)
               places[static_cast<size_t>(axis)].push_back(folded(minus(there[axis], expected[axis])));
             return there;
+          },
+          [&](const auto& by_corners, const auto& of_plane, const auto& there) {
+            by_plane.push_back(offBy(of_plane, there) < offBy(by_corners, there));
+            return by_plane.back() != 0;
           },
           [&](const glm::u8vec3& expected, const glm::u8vec3& there) {
             for (int axis = 0; axis < 3; ++axis)
               normals[static_cast<size_t>(axis)].push_back(static_cast<uint8_t>(there[axis] - expected[axis]));
             return there;
           });
+  raw.insert(raw.end(), by_plane.begin(), by_plane.end());
   for (const auto& of_axis : places)
     for (int byte = 0; byte < 4; ++byte)
       for (const uint32_t v : of_axis) raw.push_back(static_cast<uint8_t>(v >> (8 * byte)));
@@ -396,14 +437,14 @@ std::vector<uint8_t> encodePatchImages(const PatchImages& all, PatchCornersOf co
 
 namespace {
 
-// Places and normals of `shown` patches, bytes of kPlacesBytes each. False: a place is out of bounds.
-bool decodeCorners(std::span<const uint8_t> bytes, size_t shown, PatchCornersOf corners, PatchImages& out) {
-  const size_t places = 6 * shown;
-  size_t next = 0, next_normal = 8 * places;
+// Places and normals of `shown` patches. False: a place is out of bounds.
+bool decodeCorners(std::span<const uint8_t> bytes, size_t shown, const BaseMesh& base, bool by_base, PatchImages& out) {
+  const size_t places = 6 * shown, first = by_base ? kByPlaneBytes * shown : 0;
+  size_t half = 0, next = first, next_normal = first + 8 * places;
   bool inside = true;
-  CornerPredictor(cornersOf(corners), out.images.size())
+  CornerPredictor(base, out.images.size(), by_base)
       .run(
-          corners, out.of_patch,
+          out.of_patch,
           [&](const glm::ivec2& expected, const glm::ivec2&) {
             glm::ivec2 there(0);
             for (int axis = 0; axis < 2; ++axis) {
@@ -416,6 +457,7 @@ bool decodeCorners(std::span<const uint8_t> bytes, size_t shown, PatchCornersOf 
             ++next;
             return there;
           },
+          [&](const auto&, const auto&, const auto&) { return bytes[half++] != 0; },
           [&](const glm::u8vec3& expected, const glm::u8vec3&) {
             glm::u8vec3 there(0);
             for (int axis = 0; axis < 3; ++axis)
@@ -429,11 +471,11 @@ bool decodeCorners(std::span<const uint8_t> bytes, size_t shown, PatchCornersOf 
 
 }  // namespace
 
-Result<PatchImages> decodePatchImages(std::span<const uint8_t> bytes, PatchCornersOf corners, uint64_t tile_bytes,
+Result<PatchImages> decodePatchImages(std::span<const uint8_t> bytes, const BaseMesh& base, uint64_t tile_bytes,
                                       KindsOfImages kinds) {
   // A tile takes a byte, and an image a tile.
   const uint64_t most = sizeof(uint32_t) + tile_bytes * (kImageHeadBytes + kTileBytes) +
-                        corners.size() * (kPatchBytes + kHalvesBytes + kPlacesBytes);
+                        base.patches.size() * (kPatchBytes + kHalvesBytes + kByPlaneBytes + kPlacesBytes);
   const unsigned long long stated = ZSTD_getFrameContentSize(bytes.data(), bytes.size());
   if (stated == ZSTD_CONTENTSIZE_ERROR || stated == ZSTD_CONTENTSIZE_UNKNOWN || stated > most)
     return damaged("their directory is no zstd frame of at most " + std::to_string(most) + " bytes");
@@ -486,7 +528,7 @@ Result<PatchImages> decodePatchImages(std::span<const uint8_t> bytes, PatchCorne
   if (!whole) return cut;
   if (sum != tile_bytes)
     return damaged("expected tiles of " + std::to_string(tile_bytes) + " bytes, found " + std::to_string(sum));
-  out.of_patch.resize(corners.size());
+  out.of_patch.resize(base.patches.size());
   size_t shown = 0;
   for (PatchImage& patch : out.of_patch) {
     uint8_t levels = 0;
@@ -502,8 +544,8 @@ Result<PatchImages> decodePatchImages(std::span<const uint8_t> bytes, PatchCorne
         take(image);
         if (image >= images) return damaged("a patch shows an image that is not there");
       }
-  if (!whole || raw.size() - at != shown * kPlacesBytes) return cut;
-  if (!decodeCorners(std::span(raw).subspan(at), shown, corners, out))
+  if (!whole || raw.size() - at != shown * (kPlacesBytes + (kinds.by_base ? kByPlaneBytes : 0))) return cut;
+  if (!decodeCorners(std::span(raw).subspan(at), shown, base, kinds.by_base, out))
     return damaged("a patch lies too far outside of its image");
   return out;
 }

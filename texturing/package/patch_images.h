@@ -10,6 +10,7 @@
 #include <span>
 #include <vector>
 
+#include "src/artwork/base_mesh.h"
 #include "src/artwork/patch_domain.h"
 #include "src/artwork/shown_images.h"
 #include "src/base/result.h"
@@ -98,14 +99,15 @@ struct PatchImages {
 };
 // What no patch shows of the image becomes what lies around it.
 void fillImage(const SourceImage& image, size_t number, std::span<const PatchImage> patches, std::span<uint8_t> rgb);
-using PatchCornersOf = std::span<const std::array<uint32_t, 4>>;  // of all patches, in the base mesh
-std::vector<uint8_t> encodePatchImages(const PatchImages& images, PatchCornersOf corners);
-// What there may be: JPEGs from version 15 on, patches whose tails alone show images from version 16 on.
+// by_base: as KindsOfImages.
+std::vector<uint8_t> encodePatchImages(const PatchImages& images, const BaseMesh& base, bool by_base);
+// What there may be: JPEGs from version 15 on, patches whose tails alone show images from version 16 on. From version
+// 17 on normals are predicted by those of the base mesh, or by its halves' planes.
 struct KindsOfImages {
-  bool jpegs = false, in_tails = false;
+  bool jpegs = false, in_tails = false, by_base = false;
 };
 // Safe for untrusted bytes. tile_bytes: what all tiles take. The error names what is wrong; its file is empty.
-Result<PatchImages> decodePatchImages(std::span<const uint8_t> bytes, PatchCornersOf corners, uint64_t tile_bytes,
+Result<PatchImages> decodePatchImages(std::span<const uint8_t> bytes, const BaseMesh& base, uint64_t tile_bytes,
                                       KindsOfImages kinds);
 
 }  // namespace relievo

@@ -91,13 +91,14 @@ Result<std::string> manifestOf(const PackageHeader& h, const PatchSource& source
 // The tails of patches first .. first + count, as a chunk's bytes.
 Result<std::vector<uint8_t>> tailsChunk(const Context& c, const BuildOptions& options, uint32_t first, uint32_t count) {
   PatchTails tails(count, c.store.channels);
-  std::vector<uint8_t> bytes(c.tailBytes()), neutral(tails.patchTexels());
+  std::vector<uint8_t> bytes(count * c.tailBytes()), neutral(tails.patchTexels());
   neutralTail(c.header.texture, neutral);
+  if (auto read = c.tails->read(first * c.tailBytes(), bytes.data(), bytes.size()); !read) return read.error();
   for (uint32_t i = 0; i < count; ++i) {
-    if (auto read = c.tails->read((first + i) * c.tailBytes(), bytes.data(), bytes.size()); !read) return read.error();
-    std::memcpy(tails.heightsOf(i).data(), bytes.data(), 2 * kTailHeights);
+    const uint8_t* of_patch = bytes.data() + i * c.tailBytes();
+    std::memcpy(tails.heightsOf(i).data(), of_patch, 2 * kTailHeights);
     if (c.tailIsMade(first + i)) std::copy(neutral.begin(), neutral.end(), tails.texelsOf(i).begin());
-    else std::copy(bytes.begin() + 2 * kTailHeights, bytes.end(), tails.texelsOf(i).begin());
+    else std::copy_n(of_patch + 2 * kTailHeights, tails.patchTexels(), tails.texelsOf(i).begin());
   }
   const auto corners = std::span(c.source.base().patches).subspan(first, count);
   return encodeTailsChunk(tails, 0, count, tailsStorage(c.header), corners, options.zstd_level);
@@ -253,7 +254,7 @@ Result<void> writeImages(const Context& context, const BuildOptions& options, in
       s.tiles.push_back({static_cast<uint32_t>(kept[i].size()), encodedHash(kept[i])});
     begin = end;
   }
-  auto directory = encodePatchImages(stored, context.source.base().patches);
+  auto directory = encodePatchImages(stored, context.source.base(), context.header.base_parity);
   writer.setImages(std::move(kept), std::move(directory), stored.anyJpeg());
   return {};
 }
@@ -263,7 +264,7 @@ Result<void> writeImages(const Context& context, const BuildOptions& options, in
 uint64_t workerBytes(const Context& context) {
   const PatchStore& store = context.store;
   const uint64_t cells = uint64_t{kPagePx} << context.header.domain.relief_depth;
-  const uint64_t part_bytes = store.levelBytes() + cells * cells * 3;
+  const uint64_t part_bytes = store.levelBytes() + cells * cells * 3 * reliefPatchesAPart(context.header);
   return store.levelBytes() * 2 + cells * cells * 3 + part_bytes * (1 + kPartsAhead);
 }
 
@@ -319,24 +320,45 @@ int mostStoredDepth(const PatchSource& source, const PackageHeader& header, cons
   return depth;
 }
 
-// Each patch once, by workers of this kind.
+// Each of these patches once, by workers of this kind, so many of them a part.
 template <class PatchWorker>
 Result<void> passOver(Context& context, const BuildOptions& options, int workers, PackageWriter& writer,
-                      BuildReporter& reporter) {
-  const uint32_t patches = context.header.domain.patchCount();
-  uint32_t next = 0;
-  OrderedWorkers<uint32_t> runner(
+                      BuildReporter& reporter, std::span<const uint32_t> patches, size_t a_part) {
+  using Patches = std::span<const uint32_t>;
+  Patches left = patches;
+  OrderedWorkers<Patches> runner(
       workers, kPartsAhead, options.interrupted,
-      [&](uint32_t* patch) {
-        if (next == patches) return false;
-        *patch = next++;
+      [&](Patches* part) {
+        if (left.empty()) return false;
+        *part = left.first(std::min(left.size(), a_part));
+        left = left.subspan(part->size());
         return true;
       },
       [&] {
         auto worker = std::make_shared<PatchWorker>(context, options);
-        return [worker](const uint32_t& patch) { return worker->run(patch); };
+        return [worker](const Patches& of_part) {
+          BuildPart out;
+          for (size_t i = 0; i < of_part.size() && out.status.ok(); ++i) out.status = worker->run(of_part[i], out);
+          return out;
+        };
       });
-  return writeParts(runner, patches, writer, options, [&](const BuildPart* part) { reporter.report(part); });
+  return writeParts(runner, (patches.size() + a_part - 1) / a_part, writer, options,
+                    [&](const BuildPart* part) { reporter.report(part); });
+}
+
+// Relief pages, of all patches, then texture pages, of those that have any.
+Result<void> writePages(Context& context, const BuildOptions& options, int workers, PackageWriter& writer,
+                        BuildReporter& reporter) {
+  std::vector<uint32_t> all, textured;
+  for (uint32_t p = 0; p < context.header.domain.patchCount(); ++p) {
+    all.push_back(p);
+    if (context.header.domain.textureDepthOf(p) >= 0) textured.push_back(p);
+  }
+  if (auto ran =
+          passOver<ReliefWriter>(context, options, workers, writer, reporter, all, reliefPatchesAPart(context.header));
+      !ran)
+    return ran;
+  return passOver<TextureWriter>(context, options, workers, writer, reporter, textured, 1);
 }
 
 }  // namespace
@@ -358,6 +380,7 @@ Result<BuildReport> buildPatchPackage(const PatchSource& source, const BuildOpti
                   patchNeighbours(source.base())};
   makeRoom(context, options);
   header.image_tails = options.image_tails && !source.images().empty();
+  header.base_parity = header.image_tails && options.base_parity;
   if (auto taken = takeImages(context, options); !taken) return taken.error();
   listCorners(context);
   const Workforce force = workersThatFit(workerBytes(context), options, patches);
@@ -393,9 +416,7 @@ Result<BuildReport> buildPatchPackage(const PatchSource& source, const BuildOpti
   auto writer = PackageWriter::create(options.output, header, *manifest, std::move(base), spills);
   if (!writer) return writer.error();
 
-  if (auto ran = passOver<ReliefWriter>(context, options, force.workers, **writer, reporter); !ran) return ran.error();
-  if (auto ran = passOver<TextureWriter>(context, options, force.workers, **writer, reporter); !ran) return ran.error();
-
+  if (auto done = writePages(context, options, force.workers, **writer, reporter); !done) return done.error();
   if (auto written = writeTails(context, options, force.workers, **writer); !written) return written.error();
   if (auto written = writeImages(context, options, force.workers, **writer); !written) return written.error();
   auto file_bytes = (*writer)->finish(options.interrupted);

@@ -289,19 +289,15 @@ class PatchRelief {
   std::vector<std::vector<NodeRange>> ranges_;   // by level and node
 };
 
+// Many of one page each, mostly without bytes, make a part: what threads tell one another takes longer than they do.
+inline size_t reliefPatchesAPart(const PackageHeader& header) { return header.domain.relief_depth == 0 ? 32 : 1; }
+
 class ReliefWriter {
  public:
   ReliefWriter(Context& context, const BuildOptions& options)
       : c_(context), encoder_(options.zstd_level), relief_(context) {}
 
-  BuildPart run(uint32_t patch) {
-    BuildPart out;
-    out.status = write(patch, out);
-    return out;
-  }
-
- private:
-  Result<void> write(uint32_t patch, BuildPart& out) {
+  Result<void> run(uint32_t patch, BuildPart& out) {
     if (auto read = relief_.read(patch); !read) return read;
     const int depth = c_.header.domain.relief_depth;
     const size_t side = relief_.sideSamples();
@@ -347,6 +343,7 @@ class ReliefWriter {
     return {};
   }
 
+ private:
   Context& c_;
   PageEncoder encoder_;
   PatchRelief relief_;

@@ -132,6 +132,7 @@ class TexelKeeper {
     for (size_t c = 0; c < channels; ++c)
       c_.even[c_.levelPlace(patch, level) + c] = isEven(texels.subspan(c * plane, plane));
     keepCorners(patch, level, texels);
+    if (level == kTail && !c_.tailIsRead(patch)) return {};
     const uint64_t place = c_.levelAt(patch, level);
     auto kept = c_.forKept(patch, level, [&](size_t begin, size_t end) {
       return c_.levels->write(place + begin * plane, texels.data() + begin * plane, (end - begin) * plane);
@@ -147,6 +148,7 @@ class TexelKeeper {
   Result<void> keepTailTexels(uint32_t patch) {
     const uint64_t finest = static_cast<uint64_t>(c_.store.channels) * kTailTexels * kTailTexels;
     if (auto kept = keepLevel(patch, kTail, std::span(tail_).first(finest)); !kept) return kept;
+    if (c_.tailIsMade(patch)) return {};
     return c_.tails->write(patch * c_.tailBytes() + 2 * kTailHeights, tail_.data(), tail_.size());
   }
 
@@ -373,13 +375,12 @@ class TextureWriter {
         tolerances_(channelTolerances(context.header.texture, options.texture_tolerance)),
         coarse_pages_(context.header.coded_tails && options.texture_tolerance >= 0) {}
 
-  BuildPart run(uint32_t patch) {
-    BuildPart out;
-    for (int level = 0; level <= c_.header.domain.textureDepthOf(patch) && out.status.ok(); ++level) {
-      out.status = reader_.load(patch, level);
-      if (out.status.ok()) cut(patch, level, out);
+  Result<void> run(uint32_t patch, BuildPart& out) {
+    for (int level = 0; level <= c_.header.domain.textureDepthOf(patch); ++level) {
+      if (auto loaded = reader_.load(patch, level); !loaded) return loaded;
+      cut(patch, level, out);
     }
-    return out;
+    return {};
   }
 
  private:
@@ -445,7 +446,8 @@ class TailRounding {
       auto found = forEachPatch(
           c_, options_, workers_, [&] { return DepthFinder(c_, options_.texture_tolerance); },
           [&](DepthFinder& finder, uint32_t patch) -> Result<void> {
-            if (!standsForAll(patch) || !anyAround(patch, changed) || !anyAround(patch, grade_)) return {};
+            if (!standsForAll(patch) || c_.own_depth[patch] == kTail) return {};
+            if (!anyAround(patch, changed) || !anyAround(patch, grade_)) return {};
             auto shows = finder.showsAllFiner(patch, kTail);
             if (!shows) return shows.error();
             beyond[patch] = !*shows;
