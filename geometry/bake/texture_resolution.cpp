@@ -133,7 +133,7 @@ struct ShowingPatch {
 // Is there a crease between a patch's halves, or a border between the colours of a palette? A tail blurs these over a
 // 16th of the patch.
 bool halvesDiffer(const ImagesOnPatch& on) {
-  constexpr float kCosine = 0.9659f;  // 15 degrees
+  constexpr float kCosine = 0.9659f;  // of halves' normals: 15 degrees
   return on.image[0] != on.image[1] || on.uv[0][0] != on.uv[1][0] ||
          glm::dot(on.normal[0][0], on.normal[1][0]) < kCosine || glm::dot(on.normal[0][2], on.normal[1][2]) < kCosine;
 }

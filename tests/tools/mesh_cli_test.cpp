@@ -627,6 +627,10 @@ TEST_F(MeshCli, AsManyPatchesAsTheBakeAsksFor) {
   EXPECT_GT(ball["mesh"]["patches"].get<int>(), 100);
   EXPECT_LE(ball["mesh"]["cells_a_side"].get<int>(), 128);
   EXPECT_LE(ball["relief_bits_per_vertex"].get<double>(), 40);  // 58 with 64 patches
+  const auto bytes = std::filesystem::file_size(file("a.relievo"));
+  const size_t triangles = relievo::bumpyBall(2).triangles.size();
+  EXPECT_GE(built(relievo::bumpyBall(2), "")["mesh"]["patches"].get<size_t>(), triangles / 2);
+  EXPECT_LT(std::filesystem::file_size(file("a.relievo")), bytes / 2);
 }
 
 // Less accuracy takes less: cells decide, not another base.

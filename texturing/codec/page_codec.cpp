@@ -600,6 +600,11 @@ Result<void> PageDecoder::decodeRelief(std::span<const uint8_t> encoded, std::sp
     static_assert(2 * kSamples * kSamples == kTailHeightsBytes);
     const uint8_t* p = encoded.data() + 1;
     if (encoded.size() < 1 + kTailHeightsBytes) return damaged("an encoded page lacks the heights of its tail");
+    if (encoded[0] == kOfTail && encoded.size() == 1 + kTailHeightsBytes &&
+        std::equal(p + 2, p + kTailHeightsBytes, p)) {  // all heights are the first
+      std::fill(samples.begin(), samples.end(), static_cast<uint16_t>(p[0] | p[1] << 8));
+      return {};
+    }
     for (size_t y = 0; y < kSamples; ++y)
       for (size_t x = 0; x < kSamples; ++x, p += 2)
         samples[kStep * (y * kReliefSamples + x)] = static_cast<uint16_t>(p[0] | p[1] << 8);

@@ -1,8 +1,10 @@
 #include "texturing/package/texture_pages.h"
 
+#include <algorithm>
 #include <array>
 #include <cassert>
 #include <cmath>
+#include <functional>
 #include <vector>
 
 #include "texturing/package/crease_gutter.h"
@@ -98,6 +100,10 @@ Result<void> TexturePages::fromTail(PageId id, std::span<uint8_t> slot) const {
                  {}};
   std::vector<uint32_t> words(tailBlockTexels(0));
   all.blocks->write(node.patch, 0, texturePlaneIndex(id.plane()), words.data());
+  if (std::adjacent_find(words.begin(), words.end(), std::not_equal_to<>()) == words.end()) {  // of a plain colour
+    for (size_t i = 0; i < slot.size(); i += 4) storeLittle(&slot[i], words[0] | uint32_t{255} << 24);
+    return {};
+  }
   std::vector<uint8_t> rgba(4 * tailBlockTexels(0));
   for (size_t i = 0; i < tailBlockTexels(0); ++i)
     for (size_t c = 0; c < 3; ++c) rgba[4 * i + c] = static_cast<uint8_t>(words[i] >> (8 * c));
