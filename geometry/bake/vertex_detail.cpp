@@ -29,7 +29,8 @@ double vertexDetail(const TriMesh& mesh) {
     const Around& a = around[v];
     const double length = glm::length(a.normal);
     if (!(length > 0)) continue;
-    const double off = glm::dot(a.neighbours / static_cast<double>(a.count) - glm::dvec3(mesh.positions_mm[v]), a.normal / length);
+    const double off =
+        glm::dot(a.neighbours / static_cast<double>(a.count) - glm::dvec3(mesh.positions_mm[v]), a.normal / length);
     squares += off * off;
     ++vertices;
   }
