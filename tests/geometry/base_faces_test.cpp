@@ -69,6 +69,37 @@ TEST(TrianglePairs, WhoMayStayAloneGivesWay) {
   EXPECT_EQ(mate, (std::vector<uint32_t>{kNoIndex, 2, 1}));
 }
 
+// Two that are alone at the ends of a long way, each step of which leads through an odd cycle of five: out of it by a
+// triangle that is reached either way round.
+TEST(TrianglePairs, ALongWayThroughOddCyclesIsFound) {
+  constexpr uint32_t kCycles = 20'000;
+  const uint32_t triangles = 6 * kCycles + 1, last = triangles - 1;
+  Neighbours neighbours(triangles, {kNoIndex, kNoIndex, kNoIndex});
+  std::vector<uint32_t> mate(triangles, kNoIndex);
+  auto join = [&](uint32_t a, uint32_t b, bool paired = false) {
+    *std::find(neighbours[a].begin(), neighbours[a].end(), kNoIndex) = b;
+    *std::find(neighbours[b].begin(), neighbours[b].end(), kNoIndex) = a;
+    if (paired) mate[a] = b, mate[b] = a;
+  };
+  for (uint32_t i = 0; i < kCycles; ++i) {
+    const uint32_t first = 6 * i, c = first + 1;
+    for (uint32_t k = 0; k < 5; ++k) join(c + k, c + (k + 1) % 5, k == 1 || k == 3);
+    if (i == 0) continue;
+    join(first - 4, first);  // from the second of the cycle before
+    join(first, c, true);
+  }
+  join(last - 4, last);
+  ASSERT_EQ(std::count(mate.begin(), mate.end(), kNoIndex), 3) << "the ends, and one without neighbours";
+  pairMoreTriangles(neighbours, std::vector<uint8_t>(triangles, 0), mate);
+  EXPECT_EQ(std::count(mate.begin(), mate.end(), kNoIndex), 1);
+  EXPECT_NE(mate[last], kNoIndex);
+  for (uint32_t t = 0; t < triangles; ++t) {
+    if (mate[t] == kNoIndex) continue;
+    ASSERT_EQ(mate[mate[t]], t);
+    ASSERT_NE(std::find(neighbours[t].begin(), neighbours[t].end(), mate[t]), neighbours[t].end());
+  }
+}
+
 double areaOf(const glm::dvec3& a, const glm::dvec3& b, const glm::dvec3& c) {
   return glm::length(glm::cross(b - a, c - a)) / 2;
 }
