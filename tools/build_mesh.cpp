@@ -580,6 +580,7 @@ FaceTexels MeshBuild::faceTexels() const {
 
 Result<bool> MeshBuild::useLightFaces() {
   if (a_.patches > 0 || faceTexels() != FaceTexels::kNone) return false;
+  if (vertexDetail(loaded_.mesh) <= kSomeDetail * target().rms_mm) return false;
   return useFaces(mostLightFaces(toleranceOverDefault()));
 }
 

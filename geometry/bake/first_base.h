@@ -37,6 +37,9 @@ inline constexpr double kFewSamples = 8;
 // scans and shapes of 10,000 to 110,000 triangles 18 of 19 above it took fewer bytes as own triangles, or had become
 // these in the end, and five of five below it took 1.4 to 4.1 times as many.
 inline constexpr double kMuchDetail = 7;
+// Where they tell less than so much, larger patches are tried as long as they help, even if the first ones miss: of two
+// such shapes own triangles took 1.5 and 2 times the bytes.
+inline constexpr double kSomeDetail = 4;
 
 // So many patches of the scan's own triangles come before smaller ones where the first base missed: smaller patches of
 // even size often take fewer bytes than more of them. creased: the share of triangles beside a crease, which larger
