@@ -580,8 +580,10 @@ FaceTexels MeshBuild::faceTexels() const {
 
 Result<bool> MeshBuild::useLightFaces() {
   if (a_.patches > 0 || faceTexels() != FaceTexels::kNone) return false;
-  if (vertexDetail(loaded_.mesh) <= kSomeDetail * target().rms_mm) return false;
-  return useFaces(mostLightFaces(toleranceOverDefault()));
+  const uint32_t most = mostLightFaces(toleranceOverDefault());
+  // Before anything is asked of all triangles.
+  if (loaded_.mesh.triangles.size() > 2 * size_t{most}) return false;
+  return vertexDetail(loaded_.mesh) > kSomeDetail * target().rms_mm ? useFaces(most) : false;
 }
 
 Result<void> MeshBuild::replaceHopelessBase() {

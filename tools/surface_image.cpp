@@ -123,8 +123,7 @@ class TextureReader {
   TextureReader(const MeshBuildArguments& a, TriMesh& mesh) : a_(a), mesh_(mesh) {}
 
   Result<SurfaceImage> read() {
-    if (a_.texture == "none") {
-    } else if (!a_.texture.empty()) {
+    if (!a_.texture.empty() && a_.texture != "none") {
       if (!hasTextureCoordinates(mesh_))
         return Error{ErrorKind::kUsage,
                      a_.mesh,
@@ -134,7 +133,7 @@ class TextureReader {
       auto image = readImage8(a_.texture, a_.images);
       if (!image) return image.error();
       add(std::move(*image), {.path = a_.texture, .repeats = mesh_.texture_repeats});
-    } else {
+    } else if (a_.texture.empty()) {
       for (const MeshImage& image : mesh_.images) {
         if (interruptedFlag()) return Error{ErrorKind::kInterrupted, a_.mesh, "interrupted", "", {}};
         if (auto done = addOwn(image); !done) return done.error();

@@ -24,10 +24,11 @@ inline constexpr double kMostlyCreased = 0.5;
 // that need them; or none, as they show images or one colour (MeshBake::imagesOn()). The last take some six bytes.
 enum class FaceTexels : uint8_t { kEach, kSome, kNone };
 
+// Beyond so many times the default tolerance other bases take ever fewer bytes.
+inline constexpr double kMuchCoarser = 2;
 // So many of them without texels are fewer bytes than other bases that keep the tolerance. of_default: it, in times of
 // the default one; with a larger one larger patches need fewer samples.
 constexpr uint32_t mostLightFaces(double of_default) {
-  constexpr double kMuchCoarser = 2;
   return std::max(kMostPatches, static_cast<uint32_t>(kManyLightFaces * std::min(1.0, kMuchCoarser / of_default)));
 }
 // Unless these have fewer samples than this for each vertex of the scan: of 20 scans and shapes of 10,000 to 86,000
@@ -52,7 +53,6 @@ constexpr uint32_t mostFacesBeforeSmaller(double creased) { return creased >= kM
 // times the bytes of simplified ones up to these numbers, and 1.5 and 1.6 times beyond. of_default: as above; with a
 // larger tolerance simplified triangles are fewer.
 constexpr uint32_t mostFacesFirst(double creased, double of_default, FaceTexels texels) {
-  constexpr double kMuchCoarser = 2;
   if (texels == FaceTexels::kEach) return mostFacesBeforeSmaller(creased);
   if (texels == FaceTexels::kNone) return mostLightFaces(of_default);
   const double most = creased >= kMostlyCreased ? kManyFaces : kFewFaces;

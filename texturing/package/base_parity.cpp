@@ -17,7 +17,7 @@ std::span<Byte> blockOf(std::span<Byte> base, uint64_t i) {
   return base.subspan(begin, std::min<uint64_t>(block, base.size() - begin));
 }
 
-// Modulo 2.
+// Bit by bit, modulo 2.
 void addTo(std::span<uint8_t> sum, std::span<const uint8_t> bytes) {
   for (size_t i = 0; i < std::min(sum.size(), bytes.size()); ++i) sum[i] ^= bytes[i];
 }

@@ -1,6 +1,6 @@
 // base_parity.h - what a package of version 17 has in place of a second copy of its base mesh (texturing/PACKAGE.md,
-// "Base mesh's parity"): the base mesh cut into 16 blocks, hashes of these, and the sums of the even and of the odd
-// ones. A block of each kind that is damaged can be made good: whatever damages less than a block of bytes in a row.
+// "Version 17"): the base mesh cut into 16 blocks, hashes of these, and the sums of the even and of the odd ones. A
+// block of each kind that is damaged can be made good: whatever damages up to a block of bytes in a row.
 // An eighth of the base mesh's bytes. Pure: any thread.
 #pragma once
 

@@ -195,17 +195,17 @@ class SectionCheck {
     auto isSound = [&](std::span<const uint8_t> bytes) {
       return XXH3_64bits(bytes.data(), bytes.size()) == header_.base_hash;
     };
-    if (base.is_there && !isSound(base.bytes)) {
-      std::vector<uint8_t> mended = base.bytes;
-      if (parity.is_there) mendByParity(parity.bytes, mended);
-      if (!isSound(mended)) mended.clear();
-      else base.bytes = mended;
-      damaged(base, std::move(mended), parity);
+    if (!base.is_there) return {};
+    bool sound = isSound(base.bytes);
+    if (!sound) {
+      if (parity.is_there) mendByParity(parity.bytes, base.bytes);
+      sound = isSound(base.bytes);
+      damaged(base, sound ? base.bytes : std::vector<uint8_t>(), parity);
     }
-    if (!parity.is_there || (base.is_there && parityOf(base.bytes) == parity.bytes)) return {};
-    const bool known = base.is_there && isSound(base.bytes);
     // Of a base mesh that is lost nothing tells whether its parity is sound.
-    if (known) damaged(parity, parityOf(base.bytes), base);
+    if (!sound || !parity.is_there) return {};
+    if (std::vector<uint8_t> expected = parityOf(base.bytes); expected != parity.bytes)
+      damaged(parity, std::move(expected), base);
     return {};
   }
 
