@@ -53,6 +53,7 @@ class BakedPatches final : public PatchSource {
   int textureDepth() const override { return bake_.textureDepth(); }
   int textureDepthOf(uint32_t patch) const override { return bake_.textureDepthOf(patch); }
   std::vector<SourceImage> images() const override { return images_; }
+  bool showsImages() const override { return bake_.showsImages(); }
   PatchImage imageOf(uint32_t patch) const override {
     PatchImage out;
     const auto on = bake_.imagesOn(patch);
@@ -60,13 +61,20 @@ class BakedPatches final : public PatchSource {
     out.depth = static_cast<int8_t>(on->depth);
     out.in_tail = on->depth == kNoTexturePage;
     for (size_t half = 0; half < 2; ++half) {
+      for (size_t k = 0; k < 3; ++k)
+        out.normal[half][k] = glm::u8vec3(glm::round(127.5f * (on->normal[half][k] + 1.0f)));
+      if (on->image[half] == kNoImage) {
+        out.image[half] = kCornerColours;
+        for (size_t k = 0; k < 3; ++k)
+          out.colour[half][k] = glm::u8vec3(glm::round(glm::clamp(on->colour[half][k], 0.0f, 255.0f)));
+        continue;
+      }
       out.image[half] = number_of_image_[on->image[half]];
       const SourceImage& image = images_[out.image[half]];
       for (size_t k = 0; k < 3; ++k) {
         const glm::dvec2 uv = on->uv[half][k];
         const glm::dvec2 from_above(uv.x * image.width, (1 - uv.y) * image.height);
         out.at[half][k] = glm::ivec2(glm::round(256.0 * from_above));
-        out.normal[half][k] = glm::u8vec3(glm::round(127.5f * (on->normal[half][k] + 1.0f)));
       }
     }
     return out;

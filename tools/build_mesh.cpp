@@ -573,8 +573,8 @@ Result<bool> MeshBuild::useFewFacesAtOnce() {
 FaceTexels MeshBuild::faceTexels() const {
   if (textured_.format.basis != Basis::kAlbedoNormal) return FaceTexels::kEach;
   const std::vector<double> texels = imageTexels();
-  const bool all_shown = showsImages() && !texels.empty() &&
-                         std::accumulate(texels.begin(), texels.end(), 0.0) <= static_cast<double>(kMostShownTexels);
+  const bool all_shown =
+      showsImages() && std::accumulate(texels.begin(), texels.end(), 0.0) <= static_cast<double>(kMostShownTexels);
   return all_shown ? FaceTexels::kNone : FaceTexels::kSome;
 }
 
@@ -770,7 +770,7 @@ Result<void> MeshBuild::pack() {
 }
 
 void MeshBuild::countImages() {
-  auto isImage = [&](size_t i) { return !textured_.images[i].palette; };
+  auto isImage = [&](size_t i) { return i < textured_.images.size() && !textured_.images[i].palette; };
   const std::vector<bool> shown = bake_->shownImages();
   for (size_t i = 0; i < shown.size(); ++i) result_.shown_images += shown[i] && isImage(i);
   if (result_.shown_images == 0) return;

@@ -159,7 +159,10 @@ nlohmann::ordered_json jsonOf(const Contents& c) {
   }
   if (!m.domain.isFlat()) json["tails"] = c.package.hasTails();
   if (const auto shown = c.package.shownImages(); shown.bytes > 0)
-    json["shown_images"] = {{"images", shown.images}, {"patches", shown.patches}, {"bytes", shown.bytes}};
+    json["shown_images"] = {{"images", shown.images},
+                            {"patches", shown.patches},
+                            {"corner_colours", shown.corner_colours},
+                            {"bytes", shown.bytes}};
   json["bytes_per_px"] = c.bytesPerPx();
   json["tool_version"] = m.tool_version;
   json["sources"] = nlohmann::ordered_json::array();
@@ -234,9 +237,9 @@ void printPages(const Contents& c) {
               static_cast<unsigned long long>(left_out), static_cast<unsigned long long>(patchesWithoutTexture(d)));
   if (const auto shown = c.package.shownImages(); shown.bytes > 0) {
     const double mib = static_cast<double>(shown.bytes) / (1 << 20);
-    if (shown.one_colour)
-      printOutf("    normals      %8.1f MiB: of the triangles that make %u patches, and one colour\n", mib,
-                shown.patches);
+    if (shown.one_colour || (shown.corner_colours && shown.images == 0))
+      printOutf("    normals      %8.1f MiB: of the triangles that make %u patches, and %s\n", mib, shown.patches,
+                shown.one_colour ? "one colour" : "their corners' colours");
     else
       printOutf("    images       %8.1f MiB: %zu that %u patches show, whose pages are made when they are read\n", mib,
                 shown.images, shown.patches);

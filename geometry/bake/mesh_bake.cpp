@@ -221,6 +221,11 @@ std::vector<bool> MeshBake::shownImages() const {
   for (const BakeTexture::Image& image : impl_->texture.images) shown.push_back(image.shown);
   return shown;
 }
+bool MeshBake::showsImages() const {
+  const auto& patches = impl_->texture.of_patch;
+  return std::any_of(patches.begin(), patches.end(),
+                     [](const PatchResolution& r) { return r.shown_depth.has_value(); });
+}
 std::optional<ImagesOnPatch> MeshBake::imagesOn(uint32_t patch) const {
   const std::optional<int> depth = impl_->texture.of_patch[patch].shown_depth;
   if (!depth) return std::nullopt;

@@ -60,8 +60,8 @@ struct BakeOptions {
   // With -1 and an image: patches that it has few texels on have 16 a side, those of a tail (textureDepthOf() is then
   // kNoTexturePage).
   bool tail_textures = false;
-  // With tail_textures: patches of the scan's own triangles show plain colours themselves (imagesOn()), and images that
-  // have fewer texels than these patches would.
+  // With tail_textures: patches of the scan's own triangles show plain and vertices' colours themselves (imagesOn()),
+  // and images that have fewer texels than these patches would.
   bool show_images = false;
   int workers = 0;  // 0: one for each core
   std::function<void(double /*0..1*/)> progress;
@@ -95,14 +95,17 @@ class LineRasteriser;
 class RayScene;
 struct CornerNormals;
 
-// What a patch that is cut shows of images: on the half to the right of its diagonal, and on that to its left.
+// What a patch that is cut shows of images, or which colours its corners have: on the half to the right of its
+// diagonal, and on that to its left.
 struct ImagesOnPatch {
-  int depth = 0;  // its finest texture level; kNoTexturePage: its tail shows all
-  std::array<uint16_t, 2> image{};
+  int depth = 0;                    // its finest texture level; kNoTexturePage: its tail shows all
+  std::array<uint16_t, 2> image{};  // kNoImage: its vertices' colours
   // At a half's corners (0,0), (1,0) or (0,1), and (1,1): texture coordinates, (0, 0) is the image's lower left corner;
   // and the triangle's normals, of length 1.
   std::array<std::array<glm::dvec2, 3>, 2> uv{};
   std::array<std::array<glm::vec3, 3>, 2> normal{};
+  // Without an image, in place of texture coordinates: sRGB, 0 to 255, linear between the corners.
+  std::array<std::array<glm::vec3, 3>, 2> colour{};
 };
 
 // The scan's search structures. The mesh must outlive them unchanged. They can be made while the base mesh is computed,
@@ -159,6 +162,7 @@ class MeshBake {
   // Which of the images patches show themselves (BakeOptions::show_images), and what a patch shows of them, if it does.
   // Of its texels() nothing is needed.
   std::vector<bool> shownImages() const;
+  bool showsImages() const;  // some patch does, or shows vertices' colours
   std::optional<ImagesOnPatch> imagesOn(uint32_t patch) const;
   int reliefDepth() const;
   double reliefOffsetMm() const;

@@ -130,11 +130,15 @@ struct ShowingPatch {
   std::array<uint16_t, 2> image;
 };
 
-// Is there a crease between a patch's halves, or a border between the colours of a palette? A tail blurs these over a
-// 16th of the patch.
+// Is there a crease between a patch's halves, or a border between their colours? A tail blurs these over a 16th of the
+// patch.
 bool halvesDiffer(const ImagesOnPatch& on) {
   constexpr float kCosine = 0.9659f;  // of halves' normals: 15 degrees
-  return on.image[0] != on.image[1] || on.uv[0][0] != on.uv[1][0] ||
+  const auto colourDiffers = [&](size_t k) {
+    constexpr float kSteps = 2;  // of 255
+    return glm::distance(on.colour[0][k], on.colour[1][k]) > kSteps;
+  };
+  return on.image[0] != on.image[1] || on.uv[0][0] != on.uv[1][0] || colourDiffers(0) || colourDiffers(2) ||
          glm::dot(on.normal[0][0], on.normal[1][0]) < kCosine || glm::dot(on.normal[0][2], on.normal[1][2]) < kCosine;
 }
 
@@ -146,6 +150,7 @@ void chooseShownImages(const std::vector<ShowingPatch>& showing, BakeTexture& te
   std::vector<double> texels(texture.images.size());
   for (const ShowingPatch& s : showing)
     for (const uint16_t image : s.image) {
+      if (image == kNoImage) continue;
       const auto side = static_cast<double>(texelsASide(s.depth));
       texels[image] += 0.5 * side * side;
     }
@@ -173,16 +178,17 @@ void chooseShownImages(const std::vector<ShowingPatch>& showing, BakeTexture& te
     may_be_shown[i] = 1;
   }
   for (const ShowingPatch& s : showing) {
-    auto isShown = [&](size_t image) { return may_be_shown[image] || isPalette(image); };
+    auto isShown = [&](uint16_t image) { return image == kNoImage || may_be_shown[image] || isPalette(image); };
     if (!isShown(s.image[0]) || !isShown(s.image[1])) continue;
-    for (const size_t image : s.image) texture.images[image].shown = true;
+    for (const uint16_t image : s.image)
+      if (image != kNoImage) texture.images[image].shown = true;
     texture.of_patch[s.patch].depth = kNoTexturePage;
     texture.of_patch[s.patch].shown_depth = s.depth;
   }
 }
 
-// A patch on both of whose halves images lie, where they can be shown. depth: that of images which are no palettes;
-// nothing: none of them can be.
+// A patch on both of whose halves triangles lie whose images can be shown, or that have colours of vertices. depth:
+// that of images which are no palettes; nothing: none of them can be.
 std::optional<ShowingPatch> showingPatch(const BakeContext& context, const BakeTexture& texture, uint32_t patch,
                                          std::optional<int> depth) {
   constexpr double kMostPlaces = kMostShownPlace / 512;  // texels, from an image's corner
@@ -192,12 +198,14 @@ std::optional<ShowingPatch> showingPatch(const BakeContext& context, const BakeT
     const uint32_t triangle = context.own_triangles[patch][half];
     if (triangle == SurfacePoint::kNone) return std::nullopt;
     const BakeTexture::Image* image = texture.imageOf(*context.mesh, triangle);
-    if (!image || !(depth || image->palette)) return std::nullopt;
-    images[half] = static_cast<uint16_t>(image - texture.images.data());
+    const bool shown = image ? depth || image->palette : !context.mesh->colours.empty();
+    if (!shown) return std::nullopt;
+    images[half] = image ? static_cast<uint16_t>(image - texture.images.data()) : kNoImage;
   }
   const ImagesOnPatch on = imagesOnPatch(context, texture, patch);
   for (size_t half = 0; half < 2; ++half)
     for (const glm::dvec2& uv : on.uv[half]) {
+      if (images[half] == kNoImage) break;
       const MipImage& image = texture.images[images[half]].texels;
       const glm::dvec2 place = glm::abs(uv * glm::dvec2(image.width(), image.height()));
       if (!(place.x <= kMostPlaces && place.y <= kMostPlaces)) return std::nullopt;
@@ -220,15 +228,25 @@ int deepestOf(const std::vector<PatchResolution>& of_patch, uint64_t most_texels
   return depth;
 }
 
+// Of a triangle's vertices, 0 to 255; of a scan without any 0.
+std::array<glm::dvec3, 3> coloursOf(const TriMesh& mesh, uint32_t triangle) {
+  std::array<glm::dvec3, 3> out{};
+  for (size_t k = 0; k < 3 && !mesh.colours.empty(); ++k)
+    out[k] = glm::dvec3(mesh.colours[mesh.triangles[triangle][k]]);
+  return out;
+}
+
 }  // namespace
 
 ImagesOnPatch imagesOnPatch(const BakeContext& context, const BakeTexture& texture, uint32_t patch) {
   ImagesOnPatch on;
   for (size_t half = 0; half < 2; ++half) {
     const uint32_t triangle = context.own_triangles[patch][half];
-    if (!context.mesh->image_of.empty()) on.image[half] = context.mesh->image_of[triangle];
+    const BakeTexture::Image* image = texture.imageOf(*context.mesh, triangle);
+    on.image[half] = image ? static_cast<uint16_t>(image - texture.images.data()) : kNoImage;
     const TriangleCorners t = cornersOf(*context.mesh, triangle);
-    const auto uv = texture.coordinates(*context.mesh, triangle);
+    const auto uv = image ? texture.coordinates(*context.mesh, triangle) : std::array<glm::vec2, 3>{};
+    const auto colours = coloursOf(*context.mesh, triangle);
     const auto& normals = context.normals->ofTriangle(*context.mesh, triangle);
     const glm::dvec3 e = t.b - t.a, g = t.c - t.a;
     const double ee = glm::dot(e, e), eg = glm::dot(e, g), gg = glm::dot(g, g), det = ee * gg - eg * eg;
@@ -238,6 +256,7 @@ ImagesOnPatch imagesOnPatch(const BakeContext& context, const BakeTexture& textu
       const double b = det > 0 ? (glm::dot(p, e) * gg - glm::dot(p, g) * eg) / det : 0,
                    c = det > 0 ? (glm::dot(p, g) * ee - glm::dot(p, e) * eg) / det : 0;
       on.uv[half][k] = glm::dvec2(uv[0]) + b * glm::dvec2(uv[1] - uv[0]) + c * glm::dvec2(uv[2] - uv[0]);
+      if (!image) on.colour[half][k] = glm::vec3((1 - b - c) * colours[0] + b * colours[1] + c * colours[2]);
       const glm::dvec3 normal = (1 - b - c) * glm::dvec3(context.normals->normals[normals[0]]) +
                                 b * glm::dvec3(context.normals->normals[normals[1]]) +
                                 c * glm::dvec3(context.normals->normals[normals[2]]);

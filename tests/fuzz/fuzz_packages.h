@@ -103,6 +103,25 @@ class ShowingJpeg final : public testing_support::NoisyPatches {
   std::vector<uint8_t> rgb_, jpeg_;
 };
 
+// Patches with colours of corners, at two levels and in tails alone.
+class ColouredPatches final : public testing_support::NoisyPatches {
+ public:
+  using NoisyPatches::NoisyPatches;
+  uint16_t height(uint32_t /*patch*/, int /*x*/, int /*y*/) const override { return 27'306; }
+  int textureDepth() const override { return 1; }
+  int textureDepthOf(uint32_t /*patch*/) const override { return kNoTexturePage; }
+  bool showsImages() const override { return true; }
+  PatchImage imageOf(uint32_t patch) const override {
+    PatchImage out;
+    if (patch == 0) out.depth = 1;
+    else out.in_tail = true;
+    out.image.fill(kCornerColours);
+    for (auto& half : out.colour) half = {glm::u8vec3(9, 200, 77), glm::u8vec3(255, 0, 3), glm::u8vec3(40, 41, 42)};
+    for (auto& half : out.normal) half.fill(glm::u8vec3(128, 128, 255));
+    return out;
+  }
+};
+
 // So many squares beside one another.
 inline BaseMesh stripOf(uint32_t patches) {
   BaseMesh mesh;
@@ -164,6 +183,13 @@ inline std::vector<std::vector<uint8_t>> samplePackages() {
     mesh.cut = true;
     options.texture_tolerance = 1;
     auto built = buildPatchPackage(ShowingJpeg(mesh, 3), options);
+    require(built.ok(), built ? "" : built.error().text());
+  });
+  add([](BuildOptions& options) {
+    BaseMesh mesh = stripOf(2);
+    mesh.cut = true;
+    options.texture_tolerance = 1;
+    auto built = buildPatchPackage(ColouredPatches(mesh, 0, 0, 3), options);
     require(built.ok(), built ? "" : built.error().text());
   });
   return out;

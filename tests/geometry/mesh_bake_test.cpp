@@ -1715,6 +1715,107 @@ TEST(MeshBake, plainColoursAreShownByOwnTriangles) {
   }
 }
 
+// Colours of vertices are those of patches' corners, linear between them as on the triangles.
+TEST(MeshBake, verticesColoursAreShownByOwnTriangles) {
+  TriMesh mesh = sheetMesh(30, 10, 6, 4, [](double, double) { return 0.0; });
+  auto colourAt = [](const glm::vec3& p) {
+    return glm::u8vec3(glm::round(glm::vec3(120 + 6 * p.x, 90 - 11 * p.y, 30 + 0.4f * p.x * p.x)));
+  };
+  for (const glm::vec3& p : mesh.positions_mm) mesh.colours.push_back(colourAt(p));
+  auto surface = makeSurface(mesh.positions_mm, mesh.triangles);
+  ASSERT_TRUE(surface.ok());
+  BaseMesh base = facesBase(*surface, 1000);
+  base.cut = true;
+  BakeOptions options{.cells_log2 = 3, .fit = false, .touch_mm = 1e-4};
+  options.tail_textures = options.show_images = true;
+  const auto baked = bake(mesh, base, options);
+  ASSERT_TRUE(baked);
+  EXPECT_TRUE(baked->showsImages());
+  float furthest = 0, control = 0;
+  size_t vertices = 0;
+  for (uint32_t p = 0; p < base.patches.size(); ++p) {
+    const auto on = baked->imagesOn(p);
+    ASSERT_TRUE(on.has_value()) << p;
+    EXPECT_EQ(on->depth, kNoTexturePage) << "there is no border between the halves";
+    for (size_t half = 0; half < 2; ++half) {
+      EXPECT_EQ(on->image[half], kNoImage);
+      for (size_t k = 0; k < 3; ++k) {
+        const std::array<size_t, 3> of_half{0, half == 0 ? size_t{1} : size_t{2}, 3};
+        const glm::vec3 at = base.corners[base.patches[p][of_half[k]]].position_mm;
+        if (std::find(mesh.positions_mm.begin(), mesh.positions_mm.end(), at) == mesh.positions_mm.end())
+          continue;  // the middle of a side
+        ++vertices;
+        furthest = std::max(furthest, glm::distance(on->colour[half][k], glm::vec3(colourAt(at))));
+        control = std::max(control, glm::distance(on->colour[half][k], glm::vec3(colourAt(-at))));
+      }
+    }
+  }
+  EXPECT_GT(vertices, 6 * base.patches.size() / 2);
+  EXPECT_LT(furthest, 0.01f);
+  EXPECT_GT(control, 50.0f) << "control: those of other vertices";
+  // Controls: texels have them where patches may not show them, and of a scan without colours there is nothing to show.
+  options.show_images = false;
+  const auto stored = bake(mesh, base, options);
+  EXPECT_FALSE(stored->imagesOn(0));
+  EXPECT_FALSE(stored->showsImages());
+  options.show_images = true;
+  mesh.colours.clear();
+  EXPECT_FALSE(bake(mesh, base, options)->showsImages());
+}
+
+// Beside triangles that show an image, which a patch shows on one half; and where vertices that lie at one place have
+// two colours, a page shows the border between them.
+TEST(MeshBake, verticesColoursAreShownBesideImages) {
+  TriMesh mesh = sheetMesh(30, 10, 6, 4, [](double, double) { return 0.0; });
+  mesh.colours.assign(mesh.positions_mm.size(), glm::u8vec3(9, 99, 199));
+  auto surface = makeSurface(mesh.positions_mm, mesh.triangles);
+  ASSERT_TRUE(surface.ok());
+  BaseMesh base = facesBase(*surface, 1000);
+  base.cut = true;
+  BakeOptions options{.cells_log2 = 3, .fit = false, .touch_mm = 1e-4};
+  options.tail_textures = options.show_images = true;
+  TriMesh beside = mesh;
+  const std::vector<uint8_t> texels(3 * 32 * 32, 100);
+  for (size_t t = 0; t < beside.triangles.size(); ++t) {
+    beside.image_of.push_back(t % 2 ? kNoImage : uint16_t{0});
+    beside.corner_uv.emplace_back() = {glm::vec2(0, 0), glm::vec2(8, 0), glm::vec2(0, 8)};
+  }
+  const auto baked = bake(beside, base, options, {{.width = 32, .height = 32, .texels = texels, .repeats = true}});
+  size_t mixed = 0;
+  for (uint32_t p = 0; p < base.patches.size(); ++p) {
+    const auto on = baked->imagesOn(p);
+    ASSERT_TRUE(on.has_value()) << p;
+    const bool first = on->image[0] == kNoImage, second = on->image[1] == kNoImage;
+    mixed += first != second;
+    if (first != second) {
+      EXPECT_GE(on->depth, 0) << "a border runs through it";
+      for (const glm::vec3& colour : on->colour[first ? 0 : 1])
+        EXPECT_LT(glm::distance(colour, glm::vec3(9, 99, 199)), 0.01f);
+    }
+  }
+  EXPECT_GT(mixed, 0u);
+  // Each triangle has vertices of its own.
+  TriMesh facets;
+  for (size_t t = 0; t < mesh.triangles.size(); ++t) {
+    for (const uint32_t v : mesh.triangles[t]) {
+      facets.positions_mm.push_back(mesh.positions_mm[v]);
+      facets.colours.push_back(t % 2 ? glm::u8vec3(250, 20, 20) : glm::u8vec3(20, 20, 250));
+    }
+    const auto first = static_cast<uint32_t>(3 * t);
+    facets.triangles.push_back({first, first + 1, first + 2});
+  }
+  const auto faceted = bake(facets, base, options);
+  size_t with_page = 0;
+  for (uint32_t p = 0; p < base.patches.size(); ++p) {
+    const auto on = faceted->imagesOn(p);
+    ASSERT_TRUE(on.has_value()) << p;
+    const bool differ = glm::distance(on->colour[0][0], on->colour[1][0]) > 100;
+    EXPECT_EQ(on->depth, differ ? 0 : kNoTexturePage) << p;
+    with_page += differ;
+  }
+  EXPECT_GT(with_page, 0u);
+}
+
 // Sheets that overlap, cut along other diagonals: each patch has the triangles that it was made of.
 TEST(MeshBake, ownTrianglesAreFoundWhereOthersLieOnThem) {
   TriMesh mesh;

@@ -201,6 +201,63 @@ TEST(PatchImages, HalvesAreAffineAndGoOnBeyondThePatch) {
   EXPECT_GT(other_half, 50) << "control";
 }
 
+// Colours of corners are linear on a half, to a 2nd of a step, and go on beyond it as far as bytes do. The other half
+// may show an image.
+TEST(PatchImages, ColoursOfCornersAreLinearOnTheirHalf) {
+  const Picture picture = pictureOf(70, 50, true, 1);
+  const ShownImage image(picture.source());
+  PatchImage patch = somewhere(kSeed, 1, {kCornerColours, kCornerColours}, 60);
+  patch.colour[0] = {glm::u8vec3(0, 200, 31), glm::u8vec3(255, 10, 32), glm::u8vec3(90, 255, 250)};
+  patch.colour[1] = {glm::u8vec3(40, 1, 255), glm::u8vec3(70, 180, 0), glm::u8vec3(0, 77, 140)};
+  const ShownTexels which{7, -4, -4, 136};
+  std::vector<uint8_t> out(3 * 136 * 136);
+  showImages(patch, {nullptr, nullptr}, which, out);
+  double largest = 0, other_half = 0;
+  int beyond = 0;
+  for (int j = 0; j < 136; ++j)
+    for (int i = 0; i < 136; ++i) {
+      const double u = (i - 4 + 0.5) / 128, v = (j - 4 + 0.5) / 128;
+      for (const size_t half : {size_t{v > u}, size_t{v <= u}}) {
+        const double along = half ? v : u, across = half ? u : v;
+        const auto& c = patch.colour[half];
+        const glm::dvec3 linear = glm::dvec3(c[0]) * (1 - along) + glm::dvec3(c[1]) * (along - across) +
+                                  glm::dvec3(c[2]) * across,
+                         expected = glm::clamp(linear, 0.0, 255.0);
+        beyond += expected != linear;
+        for (int k = 0; k < 3; ++k) {
+          const double off = std::abs(out[static_cast<size_t>((k * 136 + j) * 136 + i)] - expected[k]);
+          (half == size_t{v > u} ? largest : other_half) = std::max(half == size_t{v > u} ? largest : other_half, off);
+        }
+      }
+    }
+  EXPECT_LE(largest, 0.5 + 1e-9);
+  EXPECT_GT(other_half, 50) << "control";
+  EXPECT_GT(beyond, 0) << "some texel lies where they would be below 0";
+  EXPECT_EQ(shownLevel(patch, 0, 4), 0);
+  // The tail's are those of 16 texels a side.
+  const MipFilter mip(TextureFormat{.basis = Basis::kAlbedoNormal});
+  std::vector<uint8_t> tail(6 * kTailPatchTexels), whole(3 * 16 * 16);
+  tailOfImages(patch, {nullptr, nullptr}, mip, tail);
+  showImages(patch, {nullptr, nullptr}, {4, 0, 0, 16}, whole);
+  for (size_t i = 0; i < 16 * 16; ++i) ASSERT_EQ(tail[i], whole[i]) << i;
+  // A half of each kind.
+  PatchImage both = patch;
+  both.image[1] = 0;
+  std::vector<uint8_t> mixed(out.size()), shown(out.size());
+  showImages(both, {nullptr, &image}, which, mixed);
+  both.image[0] = 0;
+  showImages(both, {&image, &image}, which, shown);
+  int of_image = 0;
+  for (int j = 0; j < 136; ++j)
+    for (int i = 0; i < 136; ++i) {
+      const auto texel = static_cast<size_t>(j * 136 + i);
+      const bool left = j > i;
+      ASSERT_EQ(mixed[texel], left ? shown[texel] : out[texel]) << i << ", " << j;
+      of_image += left;
+    }
+  EXPECT_EQ(of_image, 136 * 135 / 2);
+}
+
 TEST(PatchImages, ALevelHasTexelsAboutAsLongAsThePatchs) {
   PatchImage patch;
   for (const auto& [texels, side_log2, level] : {std::array{128, 7, 0},
@@ -267,7 +324,10 @@ bool same(const PatchImages& a, const PatchImages& b) {
   for (size_t p = 0; p < a.of_patch.size(); ++p) {
     const PatchImage &x = a.of_patch[p], &y = b.of_patch[p];
     if (x.depth != y.depth || x.in_tail != y.in_tail) return false;
-    if (x.shows() && (x.image != y.image || x.at != y.at || x.normal != y.normal)) return false;
+    if (!x.shows()) continue;
+    if (x.image != y.image || x.normal != y.normal) return false;
+    for (size_t half = 0; half < 2; ++half)
+      if (x.hasColours(half) ? x.colour[half] != y.colour[half] : x.at[half] != y.at[half]) return false;
   }
   return true;
 }
@@ -311,6 +371,75 @@ TEST(PatchImages, NormalsThatTheBaseTellsTakeHardlyAnyBytes) {
     const auto decoded = decodePatchImages(encodePatchImages(all, base, true), base, 100, kAllKinds);
     ASSERT_TRUE(decoded.ok());
     EXPECT_TRUE(same(all, *decoded));
+  }
+}
+
+constexpr KindsOfImages kWithColours{.jpegs = true, .in_tails = true, .by_base = true, .colours = true};
+PatchImages someColours(const BaseMesh& base) {
+  PatchImages all = someImages(base);
+  for (uint32_t p = 0; p < all.of_patch.size(); ++p)
+    for (size_t half = 0; half < 2; ++half) {
+      PatchImage& patch = all.of_patch[p];
+      if (!patch.shows() || mixBits(2 * p + half) % 3 == 0) continue;
+      patch.image[half] = kCornerColours;
+      for (size_t k = 0; k < 3; ++k)
+        for (int c = 0; c < 3; ++c)
+          patch.colour[half][k][c] =
+              static_cast<uint8_t>(mixBits(100 * p + 12 * half + 4 * k + static_cast<uint64_t>(c)));
+    }
+  return all;
+}
+
+TEST(PatchImages, ColoursOfCornersAreWithoutLoss) {
+  const BaseMesh base = cubeSphere(3, 10, kSeed);
+  PatchImages all = someColours(base);
+  ASSERT_TRUE(all.anyColours());
+  EXPECT_FALSE(someImages(base).anyColours());
+  const auto decoded = decodePatchImages(encodePatchImages(all, base, true), base, kTileBytes, kWithColours);
+  ASSERT_TRUE(decoded.ok()) << decoded.error().text();
+  EXPECT_TRUE(same(all, *decoded));
+  PatchImages other = *decoded;
+  for (PatchImage& patch : other.of_patch) patch.colour[1][2].b ^= 1;
+  EXPECT_FALSE(same(all, other)) << "control";
+  EXPECT_FALSE(decodePatchImages(encodePatchImages(all, base, true), base, kTileBytes, kAllKinds).ok())
+      << "before version 18";
+  // Without any image, too.
+  all.images.clear();
+  for (PatchImage& patch : all.of_patch) patch.image.fill(kCornerColours);
+  const auto alone = decodePatchImages(encodePatchImages(all, base, true), base, 0, kWithColours);
+  ASSERT_TRUE(alone.ok()) << alone.error().text();
+  EXPECT_TRUE(same(all, *alone));
+}
+
+// A vertex's colour takes its bytes once, however many patches meet there.
+TEST(PatchImages, AColourTakesBytesOncePerVertex) {
+  BaseMesh base = cubeSphere(16, 10, kSeed);
+  base.cut = true;
+  PatchImages all;
+  size_t largest = 0;
+  for (const bool by_patch : {false, true}) {
+    all.of_patch.clear();
+    for (uint32_t p = 0; p < base.patches.size(); ++p) {
+      PatchImage& patch = all.of_patch.emplace_back();
+      patch.in_tail = true;
+      patch.image.fill(kCornerColours);
+      for (size_t half = 0; half < 2; ++half) {
+        const std::array<uint32_t, 3> of{base.patches[p][0], base.patches[p][half == 0 ? 1 : 2], base.patches[p][3]};
+        for (size_t k = 0; k < 3; ++k) {
+          const uint64_t at = mixBits(by_patch ? 8 * p + k : of[k]);
+          patch.colour[half][k] = {at % 256, at / 256 % 256, at / 65536 % 256};
+          const glm::dvec3 normal(base.corners[of[k]].normal);
+          patch.normal[half][k] = glm::u8vec3(glm::round(127.5 * (normal + 1.0)));
+        }
+      }
+    }
+    const size_t bytes = encodePatchImages(all, base, true).size();
+    if (!by_patch) {
+      EXPECT_LT(bytes, 6 * base.corners.size()) << "noise of three bytes, and where it is";
+    } else {
+      EXPECT_GT(bytes, 2 * largest) << "control: colours that no two patches share";
+    }
+    largest = bytes;
   }
 }
 
@@ -366,12 +495,18 @@ TEST(PatchImages, ADirectoryOfAnythingIsOneOrAnError) {
     frame.resize(ZSTD_compress(frame.data(), frame.size(), raw.data(), raw.size(), 1));
     EXPECT_EQ(decodePatchImages(frame, base, kTileBytes, kAllKinds).ok(), named < 2);
   }
+  const PatchImages coloured = someColours(base);
+  const auto of_colours = encodePatchImages(coloured, base, true);
   int sound = 0;
   for (uint64_t i = 0; i < 4000; ++i) {
     std::vector<uint8_t> damaged = bytes;
     damaged[mixBits(3 * i) % bytes.size()] = static_cast<uint8_t>(mixBits(3 * i + 1));
     if (i % 3 == 0) damaged.resize(mixBits(3 * i + 2) % bytes.size());
     sound += decodePatchImages(damaged, base, kTileBytes, kAllKinds).ok();
+    damaged = of_colours;
+    damaged[mixBits(3 * i) % damaged.size()] = static_cast<uint8_t>(mixBits(3 * i + 1));
+    if (i % 3 == 0) damaged.resize(mixBits(3 * i + 2) % damaged.size());
+    sound += decodePatchImages(damaged, base, kTileBytes, kWithColours).ok();
   }
   EXPECT_LT(sound, 4000);
 }
@@ -554,6 +689,84 @@ TEST(PatchImages, TailsAreMadeOfThem) {
   // 16 tails of 2,040 texels.
   const auto tailBytes = [](const Package& of) { return of.tailBytes()->all; };
   EXPECT_LT(tailBytes(*package) + 8'000, tailBytes(*before));
+}
+
+// Patches that have colours of corners, of both kinds: some whose tails show all of them, and some at levels 0 to 2.
+class ColouredPatches final : public NoisyPatches {
+ public:
+  ColouredPatches() : NoisyPatches(cutBase(), 0, 0, kSeed) {}
+  int textureDepth() const override { return 2; }
+  int textureDepthOf(uint32_t) const override { return kNoTexturePage; }
+  bool showsImages() const override { return true; }
+  PatchImage imageOf(uint32_t patch) const override {
+    PatchImage out = somewhere(patch, static_cast<int8_t>(patch % 4 - 1), {kCornerColours, kCornerColours}, 16);
+    out.in_tail = patch % 4 == 0;
+    for (size_t half = 0; half < 2; ++half)
+      for (size_t k = 0; k < 3; ++k) {
+        const uint64_t at = mixBits(9 * patch + 3 * half + k);
+        out.colour[half][k] = {at % 256, at / 256 % 256, at / 65536 % 256};
+      }
+    return out;
+  }
+  uint16_t height(uint32_t, int, int) const override { return 27'306; }
+  Result<void> texels(uint32_t patch, std::span<uint8_t> out) const override {
+    std::fill(out.begin(), out.end(), static_cast<uint8_t>(patch));
+    return {};
+  }
+
+ private:
+  static BaseMesh cutBase() {
+    BaseMesh base = cubeSphere(2, 100, kSeed);
+    base.cut = true;
+    return base;
+  }
+};
+
+TEST(PatchImages, APackageHasColoursOfCorners) {
+  ScratchFolder folder;
+  const ColouredPatches source;
+  BuildOptions options = optionsOf(folder.file("a.relievo"));
+  ASSERT_TRUE(buildPatchPackage(source, options).ok());
+  auto opened = Package::open(options.output);
+  ASSERT_TRUE(opened.ok()) << opened.error().text();
+  const Package& package = **opened;
+  EXPECT_TRUE(package.warnings().empty());
+  EXPECT_EQ(packageVersion(package.header()), 18u);
+  const auto shown = package.shownImages();
+  EXPECT_EQ(shown.images, 0u);
+  EXPECT_EQ(shown.patches, 24u);
+  EXPECT_TRUE(shown.corner_colours && !shown.one_colour);
+  const auto report = verifyPackage(package, 2, nullptr);
+  ASSERT_TRUE(report.ok());
+  EXPECT_TRUE(report->damaged.empty() && report->other.empty());
+  const PatchTails tails = package.wholeTails(2, nullptr);
+  const MipFilter mip(source.format());
+  int pages = 0;
+  for (uint32_t p = 0; p < 24; ++p) {
+    const PatchImage patch = source.imageOf(p);
+    std::vector<uint8_t> tail(6 * kTailPatchTexels);
+    tailOfImages(patch, {nullptr, nullptr}, mip, tail);
+    EXPECT_TRUE(std::ranges::equal(std::span(tails.texels).subspan(p * tails.patchTexels(), tails.patchTexels()), tail))
+        << p;
+    ASSERT_EQ(package.manifest().domain.textureDepthOf(p), patch.depth);
+    for (int level = 0; level <= patch.depth; ++level, ++pages) {
+      const NodeId node{p, static_cast<uint32_t>(level), 0, 0};
+      std::vector<uint8_t> expected(kTexturePageBytes);
+      showImages(patch, {nullptr, nullptr}, {7 + level, -4, -4, 136}, expected);
+      auto page = package.read(PageId(texturePlane(0), node));
+      ASSERT_TRUE(page.ok()) << page.error().text();
+      EXPECT_EQ(channelsOf(*page), expected);
+    }
+  }
+  EXPECT_EQ(pages, 6 * (1 + 2 + 3));
+  // Where no patch may have them, texels are stored.
+  options.output = folder.file("b.relievo");
+  options.base_parity = false;
+  ASSERT_TRUE(buildPatchPackage(source, options).ok());
+  auto before = Package::open(options.output);
+  ASSERT_TRUE(before.ok()) << before.error().text();
+  EXPECT_EQ(packageVersion((*before)->header()), 16u);
+  EXPECT_EQ((*before)->shownImages().patches, 0u);
 }
 
 // In place of a copy of its base mesh a package has what makes it good: fewer bytes, and as little is lost.

@@ -848,7 +848,7 @@ TEST_F(BaseOfPackage, hostileHeaderFieldsAreRefused) {
   setField(96, uint64_t{127});
   EXPECT_NE(refusal(), "");
   // Version 1 knows no albedo and normal, version 3 no basis by its number, versions 4 to 16 say how they store things,
-  // and version 17 is yet to come.
+  // and version 19 is yet to come.
   EXPECT_NE(withField(8, uint32_t{1}).find("expected basis 0, 1 or 2, found 3"), std::string::npos);
   EXPECT_NE(withField(8, uint32_t{3}).find("expected no number of a basis in version 3, found 3"), std::string::npos);
   EXPECT_NE(withField(8, uint32_t{4}).find("expected storage of kind 1 in version 4, found 0"), std::string::npos);
@@ -859,7 +859,7 @@ TEST_F(BaseOfPackage, hostileHeaderFieldsAreRefused) {
   EXPECT_NE(withField(8, uint32_t{10}).find("expected storage of kind 1 in version 10, found 0"), std::string::npos);
   EXPECT_NE(withField(8, uint32_t{11}).find("expected storage of kind 1 in version 11, found 0"), std::string::npos);
   EXPECT_NE(withField(8, uint32_t{12}).find("expected storage of kind 1 in version 12, found 0"), std::string::npos);
-  EXPECT_NE(withField(8, uint32_t{18}).find("version 1 to 17, found 18"), std::string::npos);
+  EXPECT_NE(withField(8, uint32_t{19}).find("version 1 to 18, found 19"), std::string::npos);
 }
 
 TEST_F(BaseOfPackage, hostileSectionsAreRefusedByName) {

@@ -93,8 +93,9 @@ class Package final : public PageSource {
   struct ShownImages {
     size_t images = 0;
     uint32_t patches = 0;
-    uint64_t bytes = 0;       // in the file
-    bool one_colour = false;  // one image of one texel
+    uint64_t bytes = 0;           // in the file
+    bool one_colour = false;      // one image of one texel, and nothing else
+    bool corner_colours = false;  // of halves of patches
   };
   ShownImages shownImages() const;
   // Calls problem(error) for each damaged part of them, as it is found, until *stop is set.

@@ -192,9 +192,11 @@ struct Package::Impl {
       if (XXH3_64bits(bytes.data(), bytes.size()) != header.images_hash)
         return damagedImages("the images that patches show are damaged: their directory's checksum does not match",
                              offset);
-      auto decoded = decodePatchImages(
-          bytes, *manifest.base, offset - header.tilesOffset(),
-          {.jpegs = header.image_jpegs, .in_tails = header.image_tails, .by_base = header.base_parity});
+      auto decoded = decodePatchImages(bytes, *manifest.base, offset - header.tilesOffset(),
+                                       {.jpegs = header.image_jpegs,
+                                        .in_tails = header.image_tails,
+                                        .by_base = header.base_parity,
+                                        .colours = header.corner_colours});
       if (!decoded) return damagedImages(decoded.error().message, offset);
       for (const PatchImage& patch : decoded->of_patch)
         if (patch.depth > header.domain.texture_depth)
@@ -262,9 +264,11 @@ struct Package::Impl {
     read.image = std::make_shared<const ShownImage>(image);
     return read.image;
   }
+  // Of halves with colours none.
   Result<std::array<std::shared_ptr<const ShownImage>, 2>> imagesOf(const PatchImage& patch) const {
     std::array<std::shared_ptr<const ShownImage>, 2> shown;
     for (size_t half = 0; half < 2; ++half) {
+      if (patch.hasColours(half)) continue;
       auto image = shownImage(patch.image[half]);
       if (!image) return image.error();
       shown[half] = std::move(*image);
@@ -290,9 +294,11 @@ struct Package::Impl {
     for (uint32_t i = 0; i < tails.patches && first + i < images.of_patch.size(); ++i) {
       const PatchImage& patch = images.of_patch[first + i];
       if (!patch.shows()) continue;
-      if (const auto& error = lost[patch.image[0]] ? lost[patch.image[0]] : lost[patch.image[1]]) {
+      const auto lost_half = std::find_if(patch.image.begin(), patch.image.end(),
+                                          [&](uint16_t image) { return image < lost.size() && lost[image]; });
+      if (lost_half != patch.image.end()) {
         neutralTail(header.texture, tails.texelsOf(i));
-        tails.failures.add(PageId(texturePlane(0), {first + i, 0, 0, 0}), *error);
+        tails.failures.add(PageId(texturePlane(0), {first + i, 0, 0, 0}), *lost[*lost_half]);
       } else if (auto shown = imagesOf(patch)) {
         tailOfImages(patch, {(*shown)[0].get(), (*shown)[1].get()}, mip, tails.texelsOf(i));
       }
@@ -594,7 +600,9 @@ Package::ShownImages Package::shownImages() const {
           static_cast<uint32_t>(
               std::count_if(patches.begin(), patches.end(), [](const PatchImage& p) { return p.shows(); })),
           h.images_offset - h.tilesOffset() + h.images_bytes,
-          impl_->images.images.size() == 1 && impl_->images.images[0].width * impl_->images.images[0].height == 1};
+          impl_->images.images.size() == 1 && impl_->images.images[0].width * impl_->images.images[0].height == 1 &&
+              !h.corner_colours,
+          h.corner_colours};
 }
 
 void Package::checkImages(const std::function<void(const Error&)>& problem, const std::atomic<bool>* stop) const {

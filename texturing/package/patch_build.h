@@ -77,8 +77,11 @@ struct Context {
   bool showsImage(uint32_t patch) const { return !image_of_patch.empty() && image_of_patch[patch].shows(); }
   bool showsPages(uint32_t patch) const { return showsImage(patch) && !image_of_patch[patch].in_tail; }
   std::array<const ShownImage*, 2> imagesOf(uint32_t patch) const {
-    const auto& images = image_of_patch[patch].image;
-    return {&shown_images[images[0]], &shown_images[images[1]]};
+    const PatchImage& shown = image_of_patch[patch];
+    std::array<const ShownImage*, 2> images{};
+    for (size_t half = 0; half < 2; ++half)
+      if (!shown.hasColours(half)) images[half] = &shown_images[shown.image[half]];
+    return images;
   }
   // Whose tails are made by whoever reads the package.
   bool tailIsMade(uint32_t patch) const { return header.image_tails && showsImage(patch); }

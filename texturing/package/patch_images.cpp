@@ -23,8 +23,8 @@ constexpr int kZstdLevel = 19;
 constexpr uint8_t kRepeats = 1, kIsJpeg = 2, kFill = 4;  // of an image
 constexpr uint8_t kInTail = 255;                         // where others have the number of their levels
 constexpr int kPlaceLog2 = 8;                            // PatchImage::at counts 256ths of texels
-constexpr size_t kImageHeadBytes = 9, kTileBytes = 12, kPatchBytes = 1, kHalvesBytes = 2 * 2, kByPlaneBytes = 2,
-                 kPlacesBytes = 2 * 3 * (8 + 3);
+constexpr size_t kImageHeadBytes = 9, kTileBytes = 12, kPatchBytes = 1, kHalvesBytes = 2 * 2, kByPlaneBytes = 2;
+constexpr size_t kPlacesBytes = 3 * 8, kNormalsBytes = 3 * 3, kColoursBytes = 3 * 3;  // of a half
 
 // n: below 2^32; most v are within.
 int64_t modulo(int64_t v, int64_t n) {
@@ -55,9 +55,10 @@ glm::dvec3 planeNormal(const BaseMesh& base, uint32_t patch, size_t half) {
   return length > 0 ? across / length : glm::dvec3(base.corners[base.patches[patch][0]].normal);
 }
 
-// Places and normals are predicted: by what the last half before has at this corner of the base mesh, places only if it
-// shows the same image; else by the last place before in that image, at first 0, and the last normal before, at first
-// 0. From version 17 on normals by the corner's own instead of the last one; or all of a half by its plane.
+// Places, colours and normals are predicted: by what the last half before has at this corner of the base mesh, places
+// only if it shows the same image, colours only if it has any; else by the last place before in that image, at first 0,
+// the last colour before, at first 0, and the last normal before, at first 0. From version 17 on normals by the
+// corner's own instead of the last one; or all of a half by its plane.
 class CornerPredictor {
  public:
   using Normals = std::array<glm::u8vec3, 3>;
@@ -66,42 +67,47 @@ class CornerPredictor {
     for (size_t c = 0; by_base && c < of_corner_.size(); ++c)
       of_corner_[c].normal = normalBytes(base.corners[c].normal);
   }
-  // place(expected, there) and normal(expected, there) are told what is predicted and answer with what is there.
+  // Use: place(expected, there), colour(...) and normal(...) are told what is predicted and answer with what is there.
   // byPlane(by corners, by plane, there): whether it is the plane that says what is expected.
-  template <class Place, class ByPlane, class Normal>
-  void run(std::span<PatchImage> patches, Place&& place, ByPlane&& by_plane, Normal&& normal) {
+  template <class Use>
+  void run(std::span<PatchImage> patches, Use&& use) {
     for (uint32_t p = 0; p < patches.size(); ++p)
-      for (size_t half = 0; patches[p].shows() && half < 2; ++half)
-        runHalf(p, half, patches[p], place, by_plane, normal);
+      for (size_t half = 0; patches[p].shows() && half < 2; ++half) runHalf(p, half, patches[p], use);
   }
 
  private:
   struct Known {
     int32_t image = -1;
     glm::ivec2 at{0};
-    glm::u8vec3 normal{0};
+    glm::u8vec3 normal{0}, colour{0};
   };
-  template <class Place, class ByPlane, class Normal>
-  void runHalf(uint32_t p, size_t half, PatchImage& patch, Place&& place, ByPlane&& by_plane, Normal&& normal) {
+  template <class Use>
+  void runHalf(uint32_t p, size_t half, PatchImage& patch, Use&& use) {
     Normals by_corners{}, of_plane{};
     if (by_base_) {
       for (size_t k = 0; k < 3; ++k) by_corners[k] = of_corner_[cornerAt(base_.patches[p], half, k)].normal;
       of_plane.fill(normalBytes(planeNormal(base_, p, half)));
     }
-    const bool plane = by_base_ && by_plane(by_corners, of_plane, patch.normal[half]);
+    const bool plane = by_base_ && use.byPlane(by_corners, of_plane, patch.normal[half]);
     for (size_t k = 0; k < 3; ++k) {
       Known& known = of_corner_[cornerAt(base_.patches[p], half, k)];
-      glm::ivec2& last = last_[patch.image[half]];
-      patch.at[half][k] = last = place(known.image == patch.image[half] ? known.at : last, patch.at[half][k]);
+      const bool is_known = known.image == patch.image[half];
+      if (patch.hasColours(half)) {
+        glm::u8vec3& colour = patch.colour[half][k];
+        known.colour = last_colour_ = colour = use.colour(is_known ? known.colour : last_colour_, colour);
+      } else {
+        glm::ivec2& last = last_[patch.image[half]];
+        known.at = patch.at[half][k] = last = use.place(is_known ? known.at : last, patch.at[half][k]);
+      }
       const glm::u8vec3 expected = plane ? of_plane[k] : by_base_ || known.image >= 0 ? known.normal : last_normal_;
-      patch.normal[half][k] = last_normal_ = normal(expected, patch.normal[half][k]);
-      known = {patch.image[half], last, last_normal_};
+      known.normal = patch.normal[half][k] = last_normal_ = use.normal(expected, patch.normal[half][k]);
+      known.image = patch.image[half];
     }
   }
   const BaseMesh& base_;
   bool by_base_;
   std::vector<Known> of_corner_;
-  glm::u8vec3 last_normal_{0};
+  glm::u8vec3 last_normal_{0}, last_colour_{0};
   std::vector<glm::ivec2> last_;  // by image
 };
 
@@ -242,6 +248,7 @@ void ShownImage::sampleLine(const Line& line, int level, const Repetition& repet
 }
 
 int shownLevel(const PatchImage& patch, size_t half, int side_log2) {
+  if (patch.hasColours(half)) return 0;
   const auto& at = patch.at[half];
   uint64_t longest = 0;  // squared, of a patch's side, in 256ths of a texel
   for (const auto& [from, to] : {std::pair{0, 1}, {1, 2}}) {
@@ -270,6 +277,18 @@ void forEachLine(const ShownTexels& which, Use&& use) {
   }
 }
 
+// A half's corner colours, linear between them; what lies beyond the half goes on as far as bytes do. along, across: as
+// forEachLine() has them. to: a channel's each.
+void showColours(const std::array<glm::u8vec3, 3>& colours, size_t half, int shift, int64_t along, int64_t across,
+                 size_t count, const std::array<uint8_t*, 3>& to) {
+  for (int c = 0; c < 3; ++c) {
+    const int64_t p = colours[0][c], q = colours[1][c], r = colours[2][c], step = 2 * (half == 0 ? q - p : r - q);
+    int64_t sum = (p << shift) + (q - p) * along + (r - q) * across + (int64_t{1} << (shift - 1));
+    for (size_t i = 0; i < count; ++i, sum += step)
+      to[static_cast<size_t>(c)][i] = static_cast<uint8_t>(std::clamp<int64_t>(sum >> shift, 0, 255));
+  }
+}
+
 }  // namespace
 
 void showImages(const PatchImage& patch, const std::array<const ShownImage*, 2>& images, const ShownTexels& which,
@@ -277,9 +296,16 @@ void showImages(const PatchImage& patch, const std::array<const ShownImage*, 2>&
   const size_t plane = which.count * which.count;
   assert(out.size() >= 3 * plane);
   const std::array<int, 2> levels{shownLevel(patch, 0, which.side_log2), shownLevel(patch, 1, which.side_log2)};
-  const std::array<ShownImage::Repetition, 2> repetitions{images[0]->repetitionOf(patch.at[0]),
-                                                          images[1]->repetitionOf(patch.at[1])};
+  std::array<ShownImage::Repetition, 2> repetitions;
+  for (size_t half = 0; half < 2; ++half)
+    if (!patch.hasColours(half)) repetitions[half] = images[half]->repetitionOf(patch.at[half]);
   forEachLine(which, [&](size_t first, size_t count, size_t half, int64_t along, int64_t across) {
+    uint8_t* to = out.data() + first;
+    const std::array<uint8_t*, 3> channels{to, to + plane, to + 2 * plane};
+    if (patch.hasColours(half)) {
+      showColours(patch.colour[half], half, which.side_log2 + 1, along, across, count, channels);
+      return;
+    }
     const auto& at = patch.at[half];
     ShownImage::Line line{.shift = which.side_log2 + 1, .count = count};
     for (int axis = 0; axis < 2; ++axis) {
@@ -289,8 +315,7 @@ void showImages(const PatchImage& patch, const std::array<const ShownImage*, 2>&
       line.begin[i] = (b - a) * along + (c - b) * across;
       line.step[i] = 2 * (half == 0 ? b - a : c - b);
     }
-    uint8_t* to = out.data() + first;
-    images[half]->sampleLine(line, levels[half], repetitions[half], {to, to + plane, to + 2 * plane});
+    images[half]->sampleLine(line, levels[half], repetitions[half], channels);
   });
 }
 
@@ -374,6 +399,11 @@ bool PatchImages::anyJpeg() const {
   return std::any_of(images.begin(), images.end(), [](const StoredImage& image) { return image.is_jpeg; });
 }
 
+bool PatchImages::anyColours() const {
+  return std::any_of(of_patch.begin(), of_patch.end(),
+                     [](const PatchImage& patch) { return patch.shows() && patch.hasColours(); });
+}
+
 void fillImage(const SourceImage& image, size_t number, std::span<const PatchImage> patches, std::span<uint8_t> rgb) {
   ShownMarks marks(image.width, image.height, image.repeats);
   for (const PatchImage& patch : patches)
@@ -381,6 +411,40 @@ void fillImage(const SourceImage& image, size_t number, std::span<const PatchIma
       if (patch.shows() && patch.image[half] == number) marks.add(patch.at[half]);
   std::move(marks).fillRest(rgb);
 }
+
+namespace {
+
+// What is stored of the corners of halves: as a place, a colour and a normal differ from what is predicted.
+struct CodedCorners {
+  std::array<std::vector<uint32_t>, 2> places;
+  std::array<std::vector<uint8_t>, 3> normals, colours;
+  std::vector<uint8_t> by_plane;
+
+  glm::ivec2 place(const glm::ivec2& expected, const glm::ivec2& there) {
+    for (int axis = 0; axis < 2; ++axis)
+      places[static_cast<size_t>(axis)].push_back(folded(minus(there[axis], expected[axis])));
+    return there;
+  }
+  // Red and blue mostly differ as green does.
+  glm::u8vec3 colour(const glm::u8vec3& expected, const glm::u8vec3& there) {
+    const glm::u8vec3 off = there - expected;
+    for (int c = 0; c < 3; ++c)
+      colours[static_cast<size_t>(c)].push_back(static_cast<uint8_t>(c == 1 ? off.g : off[c] - off.g));
+    return there;
+  }
+  bool byPlane(const CornerPredictor::Normals& by_corners, const CornerPredictor::Normals& of_plane,
+               const CornerPredictor::Normals& there) {
+    by_plane.push_back(offBy(of_plane, there) < offBy(by_corners, there));
+    return by_plane.back() != 0;
+  }
+  glm::u8vec3 normal(const glm::u8vec3& expected, const glm::u8vec3& there) {
+    for (int axis = 0; axis < 3; ++axis)
+      normals[static_cast<size_t>(axis)].push_back(static_cast<uint8_t>(there[axis] - expected[axis]));
+    return there;
+  }
+};
+
+}  // namespace
 
 std::vector<uint8_t> encodePatchImages(const PatchImages& all, const BaseMesh& base, bool by_base) {
   std::vector<uint8_t> raw;
@@ -404,31 +468,14 @@ std::vector<uint8_t> encodePatchImages(const PatchImages& all, const BaseMesh& b
   for (const PatchImage& patch : patches)
     if (patch.shows())
       for (const uint16_t image : patch.image) put(image);
-  std::array<std::vector<uint32_t>, 2> places;
-  std::array<std::vector<uint8_t>, 3> normals;
-  std::vector<uint8_t> by_plane;
-  CornerPredictor(base, all.images.size(), by_base)
-      .run(
-          patches,
-          [&](const glm::ivec2& expected, const glm::ivec2& there) {
-            for (int axis = 0; axis < 2; ++axis)
-              places[static_cast<size_t>(axis)].push_back(folded(minus(there[axis], expected[axis])));
-            return there;
-          },
-          [&](const auto& by_corners, const auto& of_plane, const auto& there) {
-            by_plane.push_back(offBy(of_plane, there) < offBy(by_corners, there));
-            return by_plane.back() != 0;
-          },
-          [&](const glm::u8vec3& expected, const glm::u8vec3& there) {
-            for (int axis = 0; axis < 3; ++axis)
-              normals[static_cast<size_t>(axis)].push_back(static_cast<uint8_t>(there[axis] - expected[axis]));
-            return there;
-          });
-  raw.insert(raw.end(), by_plane.begin(), by_plane.end());
-  for (const auto& of_axis : places)
+  CodedCorners corners;
+  CornerPredictor(base, all.images.size(), by_base).run(patches, corners);
+  raw.insert(raw.end(), corners.by_plane.begin(), corners.by_plane.end());
+  for (const auto& of_axis : corners.places)
     for (int byte = 0; byte < 4; ++byte)
       for (const uint32_t v : of_axis) raw.push_back(static_cast<uint8_t>(v >> (8 * byte)));
-  for (const auto& of_axis : normals) raw.insert(raw.end(), of_axis.begin(), of_axis.end());
+  for (const auto& of_axis : corners.normals) raw.insert(raw.end(), of_axis.begin(), of_axis.end());
+  for (const auto& of_channel : corners.colours) raw.insert(raw.end(), of_channel.begin(), of_channel.end());
   std::vector<uint8_t> out(ZSTD_compressBound(raw.size()));
   const size_t size = ZSTD_compress(out.data(), out.size(), raw.data(), raw.size(), kZstdLevel);
   out.resize(ZSTD_isError(size) ? 0 : size);  // it cannot be: there is room
@@ -437,37 +484,62 @@ std::vector<uint8_t> encodePatchImages(const PatchImages& all, const BaseMesh& b
 
 namespace {
 
-// Places and normals of `shown` patches. False: a place is out of bounds.
-bool decodeCorners(std::span<const uint8_t> bytes, size_t shown, const BaseMesh& base, bool by_base, PatchImages& out) {
-  const size_t places = 6 * shown, first = by_base ? kByPlaneBytes * shown : 0;
-  size_t half = 0, next = first, next_normal = first + 8 * places;
-  bool inside = true;
-  CornerPredictor(base, out.images.size(), by_base)
-      .run(
-          out.of_patch,
-          [&](const glm::ivec2& expected, const glm::ivec2&) {
-            glm::ivec2 there(0);
-            for (int axis = 0; axis < 2; ++axis) {
-              uint32_t v = 0;
-              for (size_t byte = 0; byte < 4; ++byte)
-                v |= uint32_t{bytes[(static_cast<size_t>(4 * axis) + byte) * places + next]} << (8 * byte);
-              there[axis] = plus(expected[axis], unfolded(v));
-              inside = inside && std::abs(int64_t{there[axis]}) <= kMostShownPlace;
-            }
-            ++next;
-            return there;
-          },
-          [&](const auto&, const auto&, const auto&) { return bytes[half++] != 0; },
-          [&](const glm::u8vec3& expected, const glm::u8vec3&) {
-            glm::u8vec3 there(0);
-            for (int axis = 0; axis < 3; ++axis)
-              there[axis] =
-                  static_cast<uint8_t>(expected[axis] + bytes[next_normal + static_cast<size_t>(axis) * places]);
-            ++next_normal;
-            return there;
-          });
-  return inside;
-}
+// How many halves show images, and how many colours of corners.
+struct ShownHalves {
+  size_t images = 0, colours = 0;
+  size_t all() const { return images + colours; }
+  size_t planeBytes(bool by_base) const { return by_base ? all() : 0; }
+  size_t bytes(bool by_base) const {
+    return planeBytes(by_base) + images * kPlacesBytes + all() * kNormalsBytes + colours * kColoursBytes;
+  }
+};
+
+// What CodedCorners made, of so many halves.
+struct DecodedCorners {
+  DecodedCorners(std::span<const uint8_t> coded, const ShownHalves& shown, bool by_base)
+      : places(3 * shown.images),
+        normals(3 * shown.all()),
+        colours(3 * shown.colours),
+        by_plane(coded),
+        of_places(coded.subspan(shown.planeBytes(by_base))),
+        of_normals(of_places.subspan(8 * places)),
+        of_colours(of_normals.subspan(3 * normals)) {}
+
+  glm::ivec2 place(const glm::ivec2& expected, const glm::ivec2&) {
+    glm::ivec2 there(0);
+    for (int axis = 0; axis < 2; ++axis) {
+      uint32_t v = 0;
+      for (size_t byte = 0; byte < 4; ++byte)
+        v |= uint32_t{of_places[(static_cast<size_t>(4 * axis) + byte) * places + next_place]} << (8 * byte);
+      there[axis] = plus(expected[axis], unfolded(v));
+      inside = inside && std::abs(int64_t{there[axis]}) <= kMostShownPlace;
+    }
+    ++next_place;
+    return there;
+  }
+  glm::u8vec3 colour(const glm::u8vec3& expected, const glm::u8vec3&) {
+    const auto stored = [&](size_t c) { return of_colours[c * colours + next_colour]; };
+    const glm::u8vec3 off(stored(0) + stored(1), stored(1), stored(2) + stored(1));
+    ++next_colour;
+    return expected + off;
+  }
+  bool byPlane(const CornerPredictor::Normals&, const CornerPredictor::Normals&, const CornerPredictor::Normals&) {
+    return by_plane[next_half++] != 0;
+  }
+  glm::u8vec3 normal(const glm::u8vec3& expected, const glm::u8vec3&) {
+    glm::u8vec3 there(0);
+    for (int axis = 0; axis < 3; ++axis)
+      there[axis] =
+          static_cast<uint8_t>(expected[axis] + of_normals[static_cast<size_t>(axis) * normals + next_normal]);
+    ++next_normal;
+    return there;
+  }
+
+  size_t places, normals, colours;  // how many there are
+  std::span<const uint8_t> by_plane, of_places, of_normals, of_colours;
+  size_t next_half = 0, next_place = 0, next_normal = 0, next_colour = 0;
+  bool inside = true;  // all places so far
+};
 
 }  // namespace
 
@@ -475,7 +547,8 @@ Result<PatchImages> decodePatchImages(std::span<const uint8_t> bytes, const Base
                                       KindsOfImages kinds) {
   // A tile takes a byte, and an image a tile.
   const uint64_t most = sizeof(uint32_t) + tile_bytes * (kImageHeadBytes + kTileBytes) +
-                        base.patches.size() * (kPatchBytes + kHalvesBytes + kByPlaneBytes + kPlacesBytes);
+                        base.patches.size() * (kPatchBytes + kHalvesBytes + kByPlaneBytes +
+                                               2 * (kPlacesBytes + kNormalsBytes + kColoursBytes));
   const unsigned long long stated = ZSTD_getFrameContentSize(bytes.data(), bytes.size());
   if (stated == ZSTD_CONTENTSIZE_ERROR || stated == ZSTD_CONTENTSIZE_UNKNOWN || stated > most)
     return damaged("their directory is no zstd frame of at most " + std::to_string(most) + " bytes");
@@ -529,24 +602,26 @@ Result<PatchImages> decodePatchImages(std::span<const uint8_t> bytes, const Base
   if (sum != tile_bytes)
     return damaged("expected tiles of " + std::to_string(tile_bytes) + " bytes, found " + std::to_string(sum));
   out.of_patch.resize(base.patches.size());
-  size_t shown = 0;
   for (PatchImage& patch : out.of_patch) {
     uint8_t levels = 0;
     take(levels);
     patch.in_tail = kinds.in_tails && levels == kInTail;
     if (!patch.in_tail && levels > kMostShownDepth + 1) return damaged("a patch has too many texture levels");
     if (!patch.in_tail) patch.depth = static_cast<int8_t>(levels - 1);
-    shown += levels > 0;
   }
+  ShownHalves shown;
   for (PatchImage& patch : out.of_patch)
     if (patch.shows())
       for (uint16_t& image : patch.image) {
         take(image);
-        if (image >= images) return damaged("a patch shows an image that is not there");
+        const bool colours = kinds.colours && image == kCornerColours;
+        if (image >= images && !colours) return damaged("a patch shows an image that is not there");
+        ++(colours ? shown.colours : shown.images);
       }
-  if (!whole || raw.size() - at != shown * (kPlacesBytes + (kinds.by_base ? kByPlaneBytes : 0))) return cut;
-  if (!decodeCorners(std::span(raw).subspan(at), shown, base, kinds.by_base, out))
-    return damaged("a patch lies too far outside of its image");
+  if (!whole || raw.size() - at != shown.bytes(kinds.by_base)) return cut;
+  DecodedCorners corners{std::span(raw).subspan(at), shown, kinds.by_base};
+  CornerPredictor(base, out.images.size(), kinds.by_base).run(out.of_patch, corners);
+  if (!corners.inside) return damaged("a patch lies too far outside of its image");
   return out;
 }
 

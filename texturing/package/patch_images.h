@@ -53,7 +53,7 @@ class ShownImage {
 };
 
 // The level of its image that a patch of 2^side_log2 texels a side shows on a half: one of its texels is at most 1.5 of
-// that level long, in either direction.
+// that level long, in either direction. Of colours of corners 0.
 int shownLevel(const PatchImage& patch, size_t half, int side_log2);
 // Texels (x0 + x, y0 + y) of such a patch, which may lie beyond it: there the halves go on. out: R, G, B, or the
 // normals' x, y, z, count x count each, rows of v.
@@ -62,6 +62,7 @@ struct ShownTexels {
   int64_t x0 = 0, y0 = 0;
   size_t count = 0;
 };
+// images: of halves with colours of corners none is needed.
 void showImages(const PatchImage& patch, const std::array<const ShownImage*, 2>& images, const ShownTexels& which,
                 std::span<uint8_t> out);
 void showNormals(const PatchImage& patch, const ShownTexels& which, std::span<uint8_t> out);
@@ -96,15 +97,17 @@ struct PatchImages {
   std::vector<StoredImage> images;
   std::vector<PatchImage> of_patch;
   bool anyJpeg() const;
+  bool anyColours() const;  // of corners
 };
 // What no patch shows of the image becomes what lies around it.
 void fillImage(const SourceImage& image, size_t number, std::span<const PatchImage> patches, std::span<uint8_t> rgb);
-// by_base: as KindsOfImages.
+// by_base: as KindsOfImages; with colours of corners it is set.
 std::vector<uint8_t> encodePatchImages(const PatchImages& images, const BaseMesh& base, bool by_base);
 // What there may be: JPEGs from version 15 on, patches whose tails alone show images from version 16 on. From version
-// 17 on normals are predicted by those of the base mesh, or by its halves' planes.
+// 17 on normals are predicted by those of the base mesh, or by its halves' planes. In version 18 halves may have
+// colours of corners.
 struct KindsOfImages {
-  bool jpegs = false, in_tails = false, by_base = false;
+  bool jpegs = false, in_tails = false, by_base = false, colours = false;
 };
 // Safe for untrusted bytes. tile_bytes: what all tiles take. The error names what is wrong; its file is empty.
 Result<PatchImages> decodePatchImages(std::span<const uint8_t> bytes, const BaseMesh& base, uint64_t tile_bytes,

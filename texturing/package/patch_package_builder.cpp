@@ -169,19 +169,20 @@ void makeRoom(Context& context, const BuildOptions& options) {
 }
 
 // Those of the source, and what patches show of them.
-Result<void> takeImages(Context& context, const BuildOptions& options) {
+Result<void> takeImages(Context& context, PackageHeader& h, const BuildOptions& options) {
+  if (!context.source.showsImages()) return {};
   const std::vector<SourceImage> images = context.source.images();
-  if (images.empty()) return {};
-  const PackageHeader& h = context.header;
   if (!h.base_by_border || !h.cut_patches || options.texture_tolerance < 0 || !hasNormals(h.texture))
     return usage("patches that show images need a package of version 13");
   for (uint32_t p = 0; p < h.domain.patchCount(); ++p) {
     PatchImage& patch = context.image_of_patch.emplace_back(context.source.imageOf(p));
-    if (patch.in_tail && !h.image_tails) patch = {};
+    if ((patch.in_tail && !h.image_tails) || (patch.hasColours() && !h.base_parity)) patch = {};
     if (!patch.shows()) continue;
+    h.corner_colours |= patch.hasColours();
     assert(context.own_depth[p] == kTail && patch.depth <= std::min(kMostShownDepth, h.domain.texture_depth) &&
            (!patch.in_tail || patch.depth == kNoTexturePage) &&
-           std::max(patch.image[0], patch.image[1]) < images.size());
+           std::all_of(patch.image.begin(), patch.image.end(),
+                       [&](uint16_t image) { return image < images.size() || image == kCornerColours; }));
   }
   context.filled_images.resize(images.size());
   for (size_t i = 0; i < images.size(); ++i) {
@@ -379,9 +380,9 @@ Result<BuildReport> buildPatchPackage(const PatchSource& source, const BuildOpti
                   {header.texture.channels(), mostStoredDepth(source, header, options)},
                   patchNeighbours(source.base())};
   makeRoom(context, options);
-  header.image_tails = options.image_tails && !source.images().empty();
+  header.image_tails = options.image_tails && source.showsImages();
   header.base_parity = header.image_tails && options.base_parity;
-  if (auto taken = takeImages(context, options); !taken) return taken.error();
+  if (auto taken = takeImages(context, header, options); !taken) return taken.error();
   listCorners(context);
   const Workforce force = workersThatFit(workerBytes(context), options, patches);
   auto described = forEachPatch(

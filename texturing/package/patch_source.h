@@ -12,6 +12,7 @@
 #include "src/artwork/basis.h"
 #include "src/artwork/deviation.h"
 #include "src/artwork/patch_domain.h"
+#include "src/artwork/shown_images.h"
 #include "src/base/result.h"
 #include "texturing/package/raster_source.h"
 
@@ -25,16 +26,21 @@ struct SourceImage {
   bool fill = false;              // what no patch shows of it may become what lies around it (image_fill.h)
   std::span<const uint8_t> jpeg;  // the same texels as plainJpeg() gives them; none: they came from no such file
 };
-// Where a patch that is cut lies in images: on each half, to the right of the diagonal and to its left, affinely.
+// Where a patch that is cut lies in images, affinely, or which colours its corners have: on each half, to the right of
+// the diagonal and to its left.
 struct PatchImage {
   int8_t depth = kNoTexturePage;  // its finest texture level; kNoTexturePage: none, at most its tail shows the images
   bool in_tail = false;           // without levels it shows them nevertheless
   bool shows() const { return in_tail || depth != kNoTexturePage; }
-  std::array<uint16_t, 2> image{};
+  std::array<uint16_t, 2> image{};  // or kCornerColours
   // Of a half's corners (0,0), (1,0) or (0,1), and (1,1): 256ths of a texel from the image's upper left corner; and the
   // normals there, which are linear between them, byte b for b / 127.5 - 1.
   std::array<std::array<glm::ivec2, 3>, 2> at{};
   std::array<std::array<glm::u8vec3, 3>, 2> normal{};
+  // With kCornerColours, in place of these places: sRGB.
+  std::array<std::array<glm::u8vec3, 3>, 2> colour{};
+  bool hasColours(size_t half) const { return image[half] == kCornerColours; }
+  bool hasColours() const { return hasColours(0) || hasColours(1); }
 };
 
 class PatchSource {
@@ -50,6 +56,8 @@ class PatchSource {
   // Of patches that show images textureDepthOf() is kNoTexturePage, and texels() are not asked for.
   // textureDepth() is the largest of all patches, those of PatchImage included.
   virtual std::vector<SourceImage> images() const { return {}; }
+  // Some patch shows an image, or colours of corners.
+  virtual bool showsImages() const { return !images().empty(); }
   virtual PatchImage imageOf(uint32_t /*patch*/) const { return {}; }
   virtual int reliefDepth() const = 0;
   virtual TextureFormat format() const = 0;
