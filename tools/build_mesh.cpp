@@ -536,8 +536,8 @@ Result<bool> MeshBuild::useSimplified(std::span<const RefineRequest> requests) {
 Result<bool> MeshBuild::useMorePatches() {
   simplified_rounds_ = {};
   return moreOf(
-      most_simplified_, [&](uint32_t max_patches) { return useFaces(max_patches); },
-      [&](uint32_t) { return useSimplified({}); });
+      most_simplified_, mostLightFacesAtLast(faceTexels(), toleranceOverDefault()),
+      [&](uint32_t max_patches) { return useFaces(max_patches); }, [&](uint32_t) { return useSimplified({}); });
 }
 
 std::vector<double> MeshBuild::imageTexels() const {
@@ -557,13 +557,17 @@ Result<bool> MeshBuild::useFewFacesAtOnce() {
   if (a_.patches > 0 || coarser) return false;
   // Before anything is asked of all triangles.
   const size_t triangles = loaded_.mesh.triangles.size();
+  if (isHopeless(loaded_.diagnosis.pieces, 0, 1)) {  // with a patch each
+    const uint32_t most_light = mostLightFacesAtLast(faceTexels(), 1);
+    if (const Result<bool> own = useFaces(most_light); !own || *own) return own;
+  }
   if (triangles > 2 * size_t{kManyLightFaces}) return false;
   const std::vector<double> texels = imageTexels();
   const FaceTexels of_faces = faceTexels();
   const bool repeats = repeatsImages(texels);
   const double all = std::accumulate(texels.begin(), texels.end(), 0.0);
-  const double of_images = of_faces == FaceTexels::kNone ? all / static_cast<double>(triangles) : 0;
-  const uint32_t light = of_faces == FaceTexels::kNone ? mostLightFaces(1) : 0;
+  const double of_images = of_faces == FaceTexels::kShown ? all / static_cast<double>(triangles) : 0;
+  const uint32_t light = mostLightFaces(of_faces, 1);
   if (triangles <= 2 * size_t{light} && vertexDetail(loaded_.mesh) > kMuchDetail * target().rms_mm)
     return useFaces(light);
   const uint32_t most = of_faces != FaceTexels::kEach && repeats ? kManyFaces : mostFacesAtOnce(of_faces, of_images);
@@ -573,14 +577,14 @@ Result<bool> MeshBuild::useFewFacesAtOnce() {
 FaceTexels MeshBuild::faceTexels() const {
   if (textured_.format.basis != Basis::kAlbedoNormal) return FaceTexels::kEach;
   const std::vector<double> texels = imageTexels();
-  const bool all_shown =
-      showsImages() && std::accumulate(texels.begin(), texels.end(), 0.0) <= static_cast<double>(kMostShownTexels);
-  return all_shown ? FaceTexels::kNone : FaceTexels::kSome;
+  const double all = std::accumulate(texels.begin(), texels.end(), 0.0);
+  if (!showsImages() || all > static_cast<double>(kMostShownTexels)) return FaceTexels::kSome;
+  return all > 0 ? FaceTexels::kShown : FaceTexels::kNone;
 }
 
 Result<bool> MeshBuild::useLightFaces() {
-  if (a_.patches > 0 || faceTexels() != FaceTexels::kNone) return false;
-  const uint32_t most = mostLightFaces(toleranceOverDefault());
+  const uint32_t most = mostLightFaces(faceTexels(), toleranceOverDefault());
+  if (a_.patches > 0 || most == 0) return false;
   // Before anything is asked of all triangles.
   if (loaded_.mesh.triangles.size() > 2 * size_t{most}) return false;
   return vertexDetail(loaded_.mesh) > kSomeDetail * target().rms_mm ? useFaces(most) : false;
@@ -588,8 +592,12 @@ Result<bool> MeshBuild::useLightFaces() {
 
 Result<void> MeshBuild::replaceHopelessBase() {
   if (a_.patches > 0 || !isHopeless(base_.patches.size(), domain_->lostArea(), toleranceOverDefault())) return {};
+  // Of very many pieces simplified triangles are not few either.
+  const bool many = base_.patches.size() > 2 * size_t{kMostPatches};
+  const uint32_t most_light = many ? mostLightFacesAtLast(faceTexels(), toleranceOverDefault()) : 0;
   const Result<bool> replaced = replaceFirstBase(
-      mostFacesFirst(), [&](uint32_t max_patches) { return useFaces(max_patches); }, [&] { return useSimplified({}); });
+      std::max(most_light, mostFacesFirst()), [&](uint32_t max_patches) { return useFaces(max_patches); },
+      [&] { return useSimplified({}); });
   if (!replaced) return replaced.error();
   if (*replaced) return {};
   const Result<bool> more = useMorePatches();

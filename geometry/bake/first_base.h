@@ -13,23 +13,31 @@ namespace relievo {
 
 // More patches take ever more: some two hundred bytes each in a package, and up to 4 KiB that stay resident. Those of a
 // scan's own triangles take a tenth of these bytes, and show what nothing else does.
-inline constexpr uint32_t kMostPatches = 4096, kFewFaces = 36'864, kManyFaces = 65'536, kManyLightFaces = 131'072;
+inline constexpr uint32_t kMostPatches = 4096, kFewFaces = 36'864, kManyFaces = 65'536, kManyShownFaces = 131'072,
+                          kManyLightFaces = 262'144;
 // Where all of that misses, as of scans of many small pieces: simplified triangles, and the scan's own.
-inline constexpr uint32_t kMostSimplified = 131'072, kMostFaces = 262'144;
+inline constexpr uint32_t kMostSimplified = 131'072, kMostFaces = 262'144, kMostLightFaces = 1'048'576;
 
 // Of a scan's triangles beside a crease: beyond it own triangles take fewer bytes than larger patches.
 inline constexpr double kMostlyCreased = 0.5;
 
-// What patches of the scan's own triangles have for texels: each has pages, as under a basis of light; those have
-// that need them; or none, as they show images or one colour (MeshBake::imagesOn()). The last take some six bytes.
-enum class FaceTexels : uint8_t { kEach, kSome, kNone };
+// What patches of the scan's own triangles have for texels: each has pages, as under a basis of light; those have that
+// need them; or none, as they show images (MeshBake::imagesOn()), whose tails stay resident in up to 2 KiB; or as they
+// show colours of triangles or vertices, and take some six bytes, and a tenth of that memory.
+enum class FaceTexels : uint8_t { kEach, kSome, kShown, kNone };
 
 // Beyond so many times the default tolerance other bases take ever fewer bytes.
 inline constexpr double kMuchCoarser = 2;
-// So many of them without texels are fewer bytes than other bases that keep the tolerance. of_default: it, in times of
-// the default one; with a larger one larger patches need fewer samples.
-constexpr uint32_t mostLightFaces(double of_default) {
-  return std::max(kMostPatches, static_cast<uint32_t>(kManyLightFaces * std::min(1.0, kMuchCoarser / of_default)));
+// So many of them are fewer bytes than other bases that keep the tolerance; 0: others may be fewer. of_default: it, in
+// times of the default one; with a larger one larger patches need fewer samples.
+constexpr uint32_t mostLightFaces(FaceTexels texels, double of_default) {
+  if (texels != FaceTexels::kShown && texels != FaceTexels::kNone) return 0;
+  const double most = texels == FaceTexels::kShown ? kManyShownFaces : kManyLightFaces;
+  return std::max(kMostPatches, static_cast<uint32_t>(most * std::min(1.0, kMuchCoarser / of_default)));
+}
+// And so many, exact and soon made as they are, before more than kMostPatches others.
+constexpr uint32_t mostLightFacesAtLast(FaceTexels texels, double of_default) {
+  return mostLightFaces(texels, of_default) > 0 && of_default <= kMuchCoarser ? kMostLightFaces : 0;
 }
 // Unless these have fewer samples than this for each vertex of the scan: of 20 scans and shapes of 10,000 to 86,000
 // triangles own ones took 0.2 to 0.8 times the bytes above it, and 0.7 to 4.1 times below.
@@ -54,7 +62,7 @@ constexpr uint32_t mostFacesBeforeSmaller(double creased) { return creased >= kM
 // larger tolerance simplified triangles are fewer.
 constexpr uint32_t mostFacesFirst(double creased, double of_default, FaceTexels texels) {
   if (texels == FaceTexels::kEach) return mostFacesBeforeSmaller(creased);
-  if (texels == FaceTexels::kNone) return mostLightFaces(of_default);
+  if (const uint32_t light = mostLightFaces(texels, of_default); light > 0) return light;
   const double most = creased >= kMostlyCreased ? kManyFaces : kFewFaces;
   return std::max(kMostPatches, static_cast<uint32_t>(most * std::min(1.0, kMuchCoarser / of_default)));
 }
@@ -106,12 +114,13 @@ Result<bool> replaceFirstBase(uint32_t most_faces_first, Faces faces, Simplified
 }
 
 // The next base where those of at most most_simplified simplified triangles, and of kManyFaces own ones, missed or were
-// not possible; raises most_simplified to what it tried. Four times as many simplified triangles at a time; the scan's
-// own, which then take fewer bytes, after the first step. False: nothing is left.
-// simplified(max_patches): as simplifiedFaces().
+// not possible; raises most_simplified to what it tried. First the scan's own, up to most_light
+// (mostLightFacesAtLast()). Then four times as many simplified triangles at a time; the scan's own, which then take
+// fewer bytes, after the first step. False: nothing is left. simplified(max_patches): as simplifiedFaces().
 template <class Faces, class Simplified>
-Result<bool> moreOf(uint32_t& most_simplified, Faces faces, Simplified simplified) {
+Result<bool> moreOf(uint32_t& most_simplified, uint32_t most_light, Faces faces, Simplified simplified) {
   Result<bool> done = false;
+  if (most_light > 0 && most_simplified == kMostPatches) done = faces(most_light);
   while (done && !*done && most_simplified < kMostSimplified) {
     if (most_simplified > kMostPatches) done = faces(kMostFaces);
     most_simplified = std::min(4 * most_simplified, kMostSimplified);

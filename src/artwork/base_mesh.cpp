@@ -2,33 +2,44 @@
 
 #include <algorithm>
 #include <cmath>
-#include <map>
+#include <compare>
+#include <numeric>
 
 namespace relievo {
 
 std::vector<PatchNeighbours> patchNeighbours(const BaseMesh& mesh) {
+  auto ends = [&](uint32_t use) {  // of side use % 4 of patch use / 4
+    const auto& c = mesh.patches[use / 4];
+    return std::array{c[kSideCorners[use % 4][0]], c[kSideCorners[use % 4][1]]};
+  };
+  // Sides by their corner of the smaller index, then by the other one.
   struct Use {
-    uint32_t patch;
-    Side side;
+    uint32_t other_end, side;
+    auto operator<=>(const Use&) const = default;
   };
-  std::map<std::array<uint32_t, 2>, std::vector<Use>> sides;  // by the ends' corners, the smaller first
-  auto ends = [&](uint32_t patch, int side) {
-    const auto& c = mesh.patches[patch];
-    return std::array{c[kSideCorners[side][0]], c[kSideCorners[side][1]]};
-  };
-  for (uint32_t p = 0; p < mesh.patches.size(); ++p) {
-    for (int s = 0; s < 4; ++s) {
-      auto e = ends(p, s);
-      sides[{std::min(e[0], e[1]), std::max(e[0], e[1])}].push_back({p, static_cast<Side>(s)});
-    }
+  const auto uses = static_cast<uint32_t>(4 * mesh.patches.size());
+  std::vector<uint32_t> first(mesh.corners.size() + 1, 0);
+  for (uint32_t use = 0; use < uses; ++use) ++first[std::ranges::min(ends(use)) + 1];
+  std::partial_sum(first.begin(), first.end(), first.begin());
+  std::vector<uint32_t> next(first.begin(), first.end() - 1);
+  std::vector<Use> of_corner(uses);
+  for (uint32_t use = 0; use < uses; ++use) {
+    const auto e = ends(use);
+    of_corner[next[std::ranges::min(e)]++] = {std::ranges::max(e), use};
   }
   std::vector<PatchNeighbours> all(mesh.patches.size());
-  for (const auto& [key, uses] : sides) {
-    if (uses.size() != 2 || uses[0].patch == uses[1].patch) continue;
-    for (int k = 0; k < 2; ++k) {
-      const Use &here = uses[k], &there = uses[1 - k];
-      const bool reversed = ends(here.patch, here.side)[0] != ends(there.patch, there.side)[0];
-      all[here.patch][here.side] = {there.patch, there.side, reversed};
+  for (size_t c = 0; c < mesh.corners.size(); ++c) {
+    const auto begin = of_corner.begin() + first[c], end = of_corner.begin() + first[c + 1];
+    std::sort(begin, end);
+    for (auto use = begin; use != end;) {
+      const auto behind = std::find_if(use, end, [&](const Use& u) { return u.other_end != use->other_end; });
+      if (behind - use == 2 && use[0].side / 4 != use[1].side / 4)
+        for (size_t k = 0; k < 2; ++k) {
+          const uint32_t here = use[static_cast<ptrdiff_t>(k)].side, there = use[static_cast<ptrdiff_t>(1 - k)].side;
+          const bool reversed = ends(here)[0] != ends(there)[0];
+          all[here / 4][here % 4] = {there / 4, static_cast<Side>(there % 4), reversed};
+        }
+      use = behind;
     }
   }
   return all;

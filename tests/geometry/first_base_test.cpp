@@ -66,6 +66,8 @@ TEST(FirstBase, FewOwnTrianglesAreTakenAtOnceWhereTheySuitTheTexture) {
   EXPECT_EQ(mostFacesAtOnce(FaceTexels::kSome, 0), 4096u);
   EXPECT_EQ(mostFacesAtOnce(FaceTexels::kSome, 127), 4096u);
   EXPECT_EQ(mostFacesAtOnce(FaceTexels::kSome, 128), 36'864u) << "images of many texels";
+  EXPECT_EQ(mostFacesAtOnce(FaceTexels::kShown, 128), 36'864u);
+  EXPECT_EQ(mostFacesAtOnce(FaceTexels::kNone, 0), 4096u);
   EXPECT_EQ(mostFacesAtOnce(FaceTexels::kEach, 1000), 0u);
 }
 
@@ -90,12 +92,21 @@ TEST(FirstBase, FewerOwnTrianglesComeFirstWhereOthersTakeFewBytes) {
 }
 
 TEST(FirstBase, ManyOwnTrianglesComeFirstWhereTheyNeedNoTexels) {
-  EXPECT_EQ(mostFacesFirst(0, 1, FaceTexels::kNone), 131'072u);
-  EXPECT_EQ(mostFacesFirst(1, 1, FaceTexels::kNone), 131'072u);
-  EXPECT_EQ(mostLightFaces(0.1), 131'072u);
-  EXPECT_EQ(mostLightFaces(2), 131'072u);
-  EXPECT_EQ(mostLightFaces(8), 32'768u) << "others need fewer samples";
-  EXPECT_EQ(mostLightFaces(1000), 4096u);
+  for (const auto& [texels, most] : {std::pair{FaceTexels::kShown, 131'072u}, {FaceTexels::kNone, 262'144u}}) {
+    EXPECT_EQ(mostFacesFirst(0, 1, texels), most);
+    EXPECT_EQ(mostFacesFirst(1, 1, texels), most);
+    EXPECT_EQ(mostLightFaces(texels, 0.1), most);
+    EXPECT_EQ(mostLightFaces(texels, 2), most);
+    EXPECT_EQ(mostLightFaces(texels, 8), most / 4) << "others need fewer samples";
+    EXPECT_EQ(mostLightFaces(texels, 1000), 4096u);
+    EXPECT_EQ(mostLightFacesAtLast(texels, 1), 1'048'576u);
+    EXPECT_EQ(mostLightFacesAtLast(texels, 2), 1'048'576u);
+    EXPECT_EQ(mostLightFacesAtLast(texels, 3), 0u) << "others are few";
+  }
+  for (const FaceTexels texels : {FaceTexels::kEach, FaceTexels::kSome}) {
+    EXPECT_EQ(mostLightFaces(texels, 1), 0u);
+    EXPECT_EQ(mostLightFacesAtLast(texels, 1), 0u);
+  }
 }
 // Corners lie closer to the scan than the target asks for, and no closer than numbers in single precision tell.
 TEST(FirstBase, OwnTrianglesLieOnAFinerLattice) {
@@ -113,10 +124,11 @@ TEST(FirstBase, ErrorsEndTheSearch) {
 
 // What moreOf() asks for from so many simplified triangles on: those with a sign are own triangles. Own triangles fit
 // into so many patches, simplified ones into so many.
-std::vector<int> triedMore(uint32_t& most_simplified, uint32_t own_take, uint32_t simplified_take, bool& found) {
+std::vector<int> triedMore(uint32_t& most_simplified, uint32_t own_take, uint32_t simplified_take, bool& found,
+                           uint32_t most_light = 0) {
   std::vector<int> bases;
   const Result<bool> done = moreOf(
-      most_simplified,
+      most_simplified, most_light,
       [&](uint32_t max_patches) -> Result<bool> {
         bases.push_back(-static_cast<int>(max_patches));
         return own_take <= max_patches;
@@ -146,6 +158,13 @@ TEST(FirstBase, WhereAllOthersMissMorePatchesAreTriedFourTimesAsManyAtATime) {
   EXPECT_EQ(triedMore(most, 100'000, 1, found), std::vector<int>{16'384});
   EXPECT_EQ(triedMore(most, 100'000, 1, found), std::vector<int>{-262'144});
   EXPECT_TRUE(found);
+  // Those without texels come before all of that, once.
+  most = kMostPatches;
+  EXPECT_EQ(triedMore(most, 300'000, 1, found, kMostLightFaces), std::vector<int>{-1'048'576});
+  EXPECT_TRUE(found);
+  EXPECT_EQ(most, kMostPatches);
+  EXPECT_EQ(triedMore(most, 2'000'000, 1, found, kMostLightFaces), (std::vector<int>{-1'048'576, 16'384}));
+  EXPECT_EQ(triedMore(most, 2'000'000, 1, found, kMostLightFaces), (std::vector<int>{-262'144, 65'536}));
   // Steps that are no base, as of very many pieces, are passed over.
   most = kMostPatches;
   EXPECT_EQ(triedMore(most, 300'000, 100'000, found), (std::vector<int>{16'384, -262'144, 65'536, -262'144, 131'072}));
@@ -160,7 +179,7 @@ TEST(FirstBase, AnErrorEndsMorePatches) {
   const Error interrupted{ErrorKind::kInterrupted, "", "interrupted", "", {}};
   int asked = 0;
   const Result<bool> done = moreOf(
-      most, [&](uint32_t) -> Result<bool> { return ++asked, interrupted; },
+      most, 0, [&](uint32_t) -> Result<bool> { return ++asked, interrupted; },
       [&](uint32_t) -> Result<bool> { return ++asked, false; });
   ASSERT_FALSE(done.ok());
   EXPECT_EQ(done.error().kind, ErrorKind::kInterrupted);

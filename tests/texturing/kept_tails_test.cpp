@@ -87,6 +87,34 @@ TEST(KeptTails, OneTexelThatIsOffIsKept) {
   EXPECT_EQ(KeptTails(whole, kOfNormals).plane(0, 1).finest, 0);
 }
 
+// A plane that all patches have alike is so beyond their sides and corners, too; unless one texel differs.
+TEST(KeptTails, AnEvenPlaneGoesOnAsItIs) {
+  const BaseMesh mesh = cubeSphere(2, 50, kSeed);
+  const auto patches = static_cast<uint32_t>(mesh.patches.size());
+  const auto value = [](uint32_t, int c, double u, double) { return c < 3 ? 40 + 70 * c : 90 + 60 * u; };
+  constexpr uint32_t kWord = 40 | 110 << 8 | 180 << 16;
+  for (const bool even : {true, false}) {
+    PatchTails whole = tailsOf(patches, value);
+    if (!even) whole.level(5, 0, 1)[0] = 200;
+    const KeptTails kept(whole, kOfNormals);
+    const TailBlocks blocks(kept, mesh);
+    size_t others = 0, of_second = 0;
+    std::vector<uint32_t> block(tailBlockTexels(0));
+    for (uint32_t p = 0; p < patches; ++p)
+      for (int level = 0; level < kTailLevels; ++level)
+        for (int plane = 0; plane < 2; ++plane) {
+          const std::span<uint32_t> of_level = std::span(block).first(tailBlockTexels(level));
+          blocks.write(p, level, plane, of_level.data());
+          for (const uint32_t word : of_level) (plane == 0 ? others : of_second) += word != kWord;
+        }
+    EXPECT_EQ(others > 0, !even) << others;
+    if (!even) {
+      EXPECT_GT(others, 4u) << "beside it, too";
+    }
+    EXPECT_GT(of_second, 1000u) << "control";
+  }
+}
+
 TEST(KeptTails, WhatWasNotReadIsZero) {
   const KeptTails none(300, 6);
   EXPECT_TRUE(none.whole(0, 300) == PatchTails(300, 6));

@@ -7,6 +7,7 @@
 #include <zstd.h>
 
 #include <algorithm>
+#include <bit>
 #include <cmath>
 #include <fstream>
 
@@ -17,6 +18,7 @@
 #include "texturing/codec/page_jpeg_codec.h"
 #include "texturing/package/package.h"
 #include "texturing/package/package_layout.h"
+#include "texturing/package/package_tails.h"
 #include "texturing/package/patch_package_builder.h"
 #include "texturing/package/texture_depths.h"
 
@@ -692,9 +694,11 @@ TEST(PatchImages, TailsAreMadeOfThem) {
 }
 
 // Patches that have colours of corners, of both kinds: some whose tails show all of them, and some at levels 0 to 2.
-class ColouredPatches final : public NoisyPatches {
+// Heights are in steps of that many mm.
+class ColouredPatches : public NoisyPatches {
  public:
-  ColouredPatches() : NoisyPatches(cutBase(), 0, 0, kSeed) {}
+  explicit ColouredPatches(double scale_mm = 1e-4) : NoisyPatches(cutBase(), 0, 0, kSeed), scale_mm_(scale_mm) {}
+  double reliefScaleMm() const override { return scale_mm_; }
   int textureDepth() const override { return 2; }
   int textureDepthOf(uint32_t) const override { return kNoTexturePage; }
   bool showsImages() const override { return true; }
@@ -720,7 +724,57 @@ class ColouredPatches final : public NoisyPatches {
     base.cut = true;
     return base;
   }
+  double scale_mm_;
 };
+
+// Where all tails follow from images and heights are all the same, what is stored of them is not read.
+TEST(PatchImages, TailsThatAreMadeOfImagesAreNotRead) {
+  ScratchFolder folder;
+  for (const double scale_mm : {0.0, 1e-4}) {
+    const BuildOptions options = optionsOf(folder.file("a.relievo"));
+    ASSERT_TRUE(buildPatchPackage(ColouredPatches(scale_mm), options).ok());
+    const PatchTails before = (*Package::open(options.output))->wholeTails(1, nullptr);
+    const uint64_t directory = (*Package::open(options.output))->header().tails_offset;
+    {  // of the one chunk
+      std::fstream out(options.output, std::ios::in | std::ios::out | std::ios::binary);
+      std::array<char, 8> place{};
+      out.seekg(static_cast<std::streamoff>(directory + kTailsHeadBytes)).read(place.data(), 8);
+      const auto chunk = static_cast<std::streamoff>(std::bit_cast<uint64_t>(place));
+      out.seekg(chunk + 9).read(place.data(), 1);
+      place[0] = static_cast<char>(place[0] ^ 1);
+      out.seekp(chunk + 9).write(place.data(), 1);
+      ASSERT_TRUE(out.good());
+    }
+    auto package = *Package::open(options.output);
+    std::vector<std::string> problems;
+    const PatchTails after = package->wholeTails(1, &problems);
+    EXPECT_EQ(problems.empty(), scale_mm == 0);
+    if (scale_mm == 0) {
+      EXPECT_EQ(after.texels, before.texels);
+    }
+    const auto report = verifyPackage(*package, 1, nullptr);
+    ASSERT_TRUE(report.ok());
+    EXPECT_FALSE(report->damaged.empty() && report->other.empty()) << "whoever checks a package is told";
+  }
+}
+
+// Pages without bytes do not count where very many would wait for the index to be coded.
+TEST(PatchImages, TheIndexIsCodedUnlessPagesOfManyBytesWaitForIt) {
+  class EvenPatches final : public ColouredPatches {
+   public:
+    EvenPatches() : ColouredPatches(0) {}
+    bool patchesAreEven() const override { return true; }
+  };
+  ScratchFolder folder;
+  BuildOptions options = optionsOf(folder.file("a.relievo"));
+  for (const uint64_t most : {23, 24}) {
+    options.most_coded_pages = most;
+    ASSERT_TRUE(buildPatchPackage(ColouredPatches(), options).ok());
+    EXPECT_EQ((*Package::open(options.output))->header().coded_index, most == 24) << "24 pages of relief";
+    ASSERT_TRUE(buildPatchPackage(EvenPatches(), options).ok());
+    EXPECT_TRUE((*Package::open(options.output))->header().coded_index);
+  }
+}
 
 TEST(PatchImages, APackageHasColoursOfCorners) {
   ScratchFolder folder;

@@ -891,6 +891,28 @@ TEST_F(BaseOfPackage, hostileSectionsAreRefusedByName) {
   expect(refusal(), "the errors of patch 5 are not bounds that fall from level to level");
 }
 
+// Where no grid has an error nothing is kept of its parts, and what lies behind is found all the same.
+TEST_F(BaseOfPackage, withoutErrorsNothingIsSaidOfParts) {
+  const std::vector<uint8_t> good(
+      bytes_.begin() + static_cast<std::ptrdiff_t>(header_.base_offset),
+      bytes_.begin() + static_cast<std::ptrdiff_t>(header_.base_offset + header_.base_bytes));
+  auto section = decodeBaseSection(good, 6);
+  ASSERT_TRUE(section.ok());
+  ASSERT_EQ(section->coarse_blocks.size(), 6u);
+  section->texture_depths = {0, 1, -1, 2, 0, 3};
+  for (const bool any_error : {true, false}) {
+    for (CoarseErrors& errors : section->coarse_errors) errors.fill(0);
+    if (any_error) section->coarse_errors[3][0] = 0.5f;
+    const auto back = decodeBaseSection(encodeBaseSection(*section), 6);
+    ASSERT_TRUE(back.ok()) << back.error().text();
+    EXPECT_EQ(back->coarse_errors, section->coarse_errors);
+    EXPECT_EQ(back->coarse_blocks.size(), any_error ? 6u : 0u);
+    EXPECT_EQ(back->shapes.size(), any_error ? 6u : 0u);
+    EXPECT_EQ(back->slopes, section->slopes);
+    EXPECT_EQ(back->texture_depths, section->texture_depths);
+  }
+}
+
 // As packages were before they knew shapes of errors, and before they knew slopes.
 TEST_F(BaseOfPackage, shapesAndSlopesMayBeMissing) {
   const std::vector<uint8_t> good(

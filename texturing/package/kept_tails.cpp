@@ -9,7 +9,8 @@ namespace relievo {
 namespace {
 
 // A texel of a level as one that is `finer` levels coarser shows it along a row of `side` texels: between the texels
-// `first` and the next, the second's share in units of 1 / whole. Beyond their centres the row goes on as it is.
+// `first` and the next, the second's share in units of 1 / whole, 2^(finer + 1). Beyond their centres the row goes on
+// as it is.
 struct RowShare {
   int first = 0, second_share = 0, whole = 1;
 };
@@ -19,9 +20,10 @@ constexpr RowShare betweenTexels(int x, int finer, int side) {
   return {first, at - first * whole, whole};
 }
 
-constexpr int rounded(int value, int whole) {
-  const int up = value + whole * whole / 2;
-  return std::clamp(up < 0 ? 0 : up / (whole * whole), 0, 255);
+// Of a value in units of 1 / whole^2.
+constexpr int rounded(int value, int finer) {
+  const int log2 = 2 * (finer + 1);
+  return std::clamp((value + (1 << (log2 - 1))) >> log2, 0, 255);
 }
 
 // The first level's rows as one that is `finer` levels coarser shows them. Calls row(y, values) for each, until it
@@ -43,17 +45,26 @@ bool shownRows(const uint8_t* coarse, int finer, int side, Row&& row) {
     const RowShare b = betweenTexels(y, finer, coarse_side);
     const auto &above = across[static_cast<size_t>(b.first)], &below = across[static_cast<size_t>(b.first) + 1];
     for (size_t x = 0; x < static_cast<size_t>(side); ++x)
-      values[x] = rounded(above[x] * (b.whole - b.second_share) + below[x] * b.second_share, b.whole);
+      values[x] = rounded(above[x] * (b.whole - b.second_share) + below[x] * b.second_share, finer);
     if (!row(y, values)) return false;
   }
   return true;
+}
+
+size_t texelsOf(int level) { return size_t{1} << (2 * (4 - level)); }
+static_assert(kTailTexels == 1 << 4);
+
+bool areAll(const uint8_t* texels, size_t count, uint8_t value) {
+  return std::all_of(texels, texels + count, [&](uint8_t t) { return t == value; });
 }
 
 // The coarsest level that shows the finest one.
 int coarsestThatShows(const PatchTails& tails, uint32_t patch, int plane, int tolerance) {
   auto shows = [&](int level, int channel) {
     const uint8_t* finest = tails.level(patch, 0, channel);
-    return shownRows(tails.level(patch, level, channel), level, kTailTexels, [&](int y, const auto& values) {
+    const uint8_t* coarse = tails.level(patch, level, channel);
+    if (areAll(finest, texelsOf(0), finest[0]) && areAll(coarse, texelsOf(level), finest[0])) return true;
+    return shownRows(coarse, level, kTailTexels, [&](int y, const auto& values) {
       int largest = 0;
       for (size_t x = 0; x < kTailTexels; ++x)
         largest = std::max(largest, std::abs(values[x] - finest[static_cast<size_t>(y) * kTailTexels + x]));
@@ -70,9 +81,6 @@ int coarsestThatShows(const PatchTails& tails, uint32_t patch, int plane, int to
 size_t levelAt(int finest, int level) {
   return 3 * (kTailLevelAt[static_cast<size_t>(level)] - kTailLevelAt[static_cast<size_t>(finest)]);
 }
-
-size_t texelsOf(int level) { return size_t{1} << (2 * (4 - level)); }
-static_assert(kTailTexels == 1 << 4);
 
 }  // namespace
 
@@ -159,7 +167,7 @@ uint8_t KeptTails::Plane::at(int level, int channel, int x, int y) const {
     return two[0] * (u.whole - u.second_share) + two[1] * u.second_share;
   };
   return static_cast<uint8_t>(
-      rounded(across(v.first) * (v.whole - v.second_share) + across(v.first + 1) * v.second_share, v.whole));
+      rounded(across(v.first) * (v.whole - v.second_share) + across(v.first + 1) * v.second_share, from - level));
 }
 
 std::array<uint8_t, 3> KeptTails::Plane::at(int level, int x, int y) const {
@@ -249,16 +257,40 @@ TailBlocks::TailBlocks(const KeptTails& tails, const BaseMesh& base, GutterEnds 
   for (size_t i = 1; i < first_.size(); ++i) first_[i] += first_[i - 1];
   std::vector<uint32_t> next(first_.begin(), first_.end() - 1);
   for (uint32_t i = 0; i < at_.size(); ++i) at_[next[base.patches[i / 4][i % 4]]++] = i;
+  for (int plane = 0; plane < tails.planes(); ++plane) {
+    even_.push_back(evenTexel(plane));
+    std::vector<Texel>& corners = coarsest_corners_.emplace_back();
+    if (even_.back()) continue;
+    corners.reserve(at_.size());
+    for (uint32_t patch = 0; patch < tails.patches(); ++patch)
+      for (size_t k = 0; k < 4; ++k) corners.push_back(onCorner(tails.plane(patch, plane), kCoarsest, k, true));
+  }
+}
+
+std::optional<TailBlocks::Texel> TailBlocks::evenTexel(int plane) const {
+  if (tails_.patches() == 0) return std::nullopt;
+  const Texel first = tails_.plane(0, plane).at(kCoarsest, 0, 0);
+  for (uint32_t patch = 0; patch < tails_.patches(); ++patch) {
+    const KeptTails::Plane of = tails_.plane(patch, plane);
+    for (int level = of.finest; level < kTailLevels; ++level)
+      for (int c = 0; c < 3; ++c) {
+        const uint8_t* texels = of.level(level, c);
+        if (!areAll(texels, texelsOf(level), first[static_cast<size_t>(c)])) return std::nullopt;
+      }
+  }
+  return first;
 }
 
 namespace {
 
 using Texel = std::array<uint8_t, 3>;
 
+uint32_t wordOf(const Texel& texel) { return texel[0] | uint32_t{texel[1]} << 8 | uint32_t{texel[2]} << 16; }
+
 // Into a block, from -1 on.
 void put(uint32_t* block, int level, int x, int y, const Texel& texel) {
   const auto row = static_cast<int>(tailBlockSide(level));
-  block[(y + 1) * row + x + 1] = texel[0] | uint32_t{texel[1]} << 8 | uint32_t{texel[2]} << 16;
+  block[(y + 1) * row + x + 1] = wordOf(texel);
 }
 
 Texel texelOf(const std::array<int, 3>& value) {
@@ -298,11 +330,15 @@ TailBlocks::Texel TailBlocks::beyondCorner(uint32_t patch, size_t k, int level, 
   const uint32_t corner = base_.patches[patch][k];
   const auto first_channel = static_cast<size_t>(3 * plane);
   const KeptTails::Plane of = tails_.plane(patch, plane);
-  const Texel own = onCorner(of, level, k, itself);
+  auto goesOnTo = [&](uint32_t patch_corner) {
+    if (itself && level == kCoarsest) return coarsest_corners_[static_cast<size_t>(plane)][patch_corner];
+    return onCorner(tails_.plane(patch_corner / 4, plane), level, patch_corner % 4, itself);
+  };
+  const Texel own = goesOnTo(patch * 4 + static_cast<uint32_t>(k));
   std::array<int, 3> sum{};
   auto meet = static_cast<int>(first_[corner + 1] - first_[corner]);
   for (uint32_t i = first_[corner]; i < first_[corner + 1]; ++i) {
-    const Texel theirs = onCorner(tails_.plane(at_[i] / 4, plane), level, at_[i] % 4, itself);
+    const Texel theirs = goesOnTo(at_[i]);
     if (ends_.anyOf(first_channel) && ends_.between(first_channel, own, theirs)) {
       if (!itself) return own;
       for (size_t c = 0; c < 3; ++c) sum[c] = own[c];
@@ -345,6 +381,10 @@ TailBlocks::Texel TailBlocks::beyond(uint32_t patch, size_t side, int along, int
 }
 
 void TailBlocks::write(uint32_t patch, int level, int plane, uint32_t* out) const {
+  if (const auto& even = even_[static_cast<size_t>(plane)]) {
+    std::fill_n(out, tailBlockTexels(level), wordOf(*even));
+    return;
+  }
   const int side = PatchTails::side(level);
   const KeptTails::Plane own = tails_.plane(patch, plane);
   const bool itself = level > 0 && level == own.finest;

@@ -5,6 +5,7 @@
 
 #include <array>
 #include <cstdint>
+#include <optional>
 #include <span>
 #include <vector>
 
@@ -110,6 +111,9 @@ class TailBlocks {
 
  private:
   using Texel = std::array<uint8_t, 3>;
+  static constexpr int kCoarsest = kTailLevels - 1;
+  // That all patches have everywhere, if they do.
+  std::optional<Texel> evenTexel(int plane) const;
   Texel onSide(const KeptTails::Plane& of, int level, size_t side, int along, bool itself) const;
   Texel onCorner(const KeptTails::Plane& of, int level, size_t corner, bool itself) const;
   Texel beyond(uint32_t patch, size_t side, int along, int level, int plane, bool itself, const GutterEnds& ends) const;
@@ -120,6 +124,8 @@ class TailBlocks {
   std::vector<PatchNeighbours> neighbours_;
   std::vector<uint32_t> first_,
       at_;  // the corners of patches that meet at corner c of the mesh: at_[first_[c]] .. as patch * 4 + corner
+  std::vector<std::optional<Texel>> even_;            // by plane
+  std::vector<std::vector<Texel>> coarsest_corners_;  // by plane, of its patches' corners: what that level goes on to
 };
 
 }  // namespace relievo

@@ -42,7 +42,7 @@ struct Manifest {
   // and more have pages.
   std::shared_ptr<const BaseMesh> base;
   std::vector<CoarseErrors> coarse_errors;
-  std::vector<CoarseBlocks> coarse_blocks;
+  std::vector<CoarseBlocks> coarse_blocks;  // empty, as coarse_shapes, where no patch has an error
   std::vector<CoarseShapes> coarse_shapes;  // empty: not known
   std::vector<HeightSlopes> height_slopes;  // empty in older packages
   bool tail_edges = false;                  // colours of tails end at edges (crease_gutter.h)

@@ -17,7 +17,7 @@ namespace relievo {
 struct BaseSection {
   BaseMesh mesh;
   std::vector<CoarseErrors> coarse_errors;  // a patch
-  std::vector<CoarseBlocks> coarse_blocks;  // a patch
+  std::vector<CoarseBlocks> coarse_blocks;  // a patch; empty, as shapes, where no patch has an error
   std::vector<HeightSlopes> slopes;         // a patch; empty: not known
   std::vector<CoarseShapes> shapes;         // a patch; empty: not known. Only where there are slopes
   double error_unit_mm = 0;

@@ -20,7 +20,8 @@ struct BuildProgress {
   double seconds = 0;
 };
 
-// More pages would wait too long to be moved once the index is coded, and are large against their entries.
+// Of pages that have bytes: more would wait too long to be moved once the index is coded, and are large against their
+// entries.
 inline constexpr uint64_t kMostCodedPages = uint64_t{1} << 18;
 inline constexpr double kCheckpointSeconds = 10;  // what a kill costs at most, beside the parts in work
 
@@ -43,9 +44,10 @@ struct BuildOptions {
   // Of packages with a coded base mesh: lossless pages may be stored within the texture_tolerance as a code
   // (texturing/codec/texel_code.h), too; else the package is one of version 7.
   bool coded_texels = true;
-  // Of packages with coded texels, and at most kMostCodedPages pages: the index is coded, too (index_code.h), and
-  // relief pages of level 0 are stored over their tails; else the package is one of version 8.
+  // Of packages with coded texels, and at most so many pages: the index is coded, too (index_code.h), and relief pages
+  // of level 0 are stored over their tails; else the package is one of version 8.
   bool coded_index = true;
+  uint64_t most_coded_pages = kMostCodedPages;
   // Patches in few bytes, version 10; needs coded_index.
   bool light_patches = true;
   // Of packages with coded texels, as far as coded_index and light_patches are not turned off: the base mesh is coded

@@ -287,6 +287,13 @@ struct Package::Impl {
         if (error) problems->push_back(error->text() + " (neutral texels stand in)");
     return lost;
   }
+  // Nothing that is stored of these tails matters: they show images, and heights are all the same.
+  bool isMadeOfImages(uint32_t first, uint32_t count) const {
+    const auto& patches = images.of_patch;
+    return header.image_tails && header.domain.relief_scale_mm == 0 && first + count <= patches.size() &&
+           std::all_of(patches.begin() + first, patches.begin() + first + count,
+                       [](const PatchImage& patch) { return patch.shows(); });
+  }
   // Makes those of the tails of patches from `first` on that are made of images; where these are lost they become
   // neutral.
   void showTails(uint32_t first, const MipFilter& mip, const LostImages& lost, PatchTails& tails) const {
@@ -635,7 +642,9 @@ void Package::Impl::forTails(const Package& package, int workers, std::vector<st
                count = std::min(kTailsChunkPatches, patches - first);
     if (part.patches != count) part = PatchTails(count, header.texture.channels());
     part.failures = {};
-    const auto read = chunks ? readTails((*chunks)[i], first, part) : Result<void>(chunks.error());
+    Result<void> read;
+    if (isMadeOfImages(first, count)) std::fill(part.heights.begin(), part.heights.end(), uint16_t{0});
+    else read = chunks ? readTails((*chunks)[i], first, part) : Result<void>(chunks.error());
     if (!read) {
       std::lock_guard lock(reading);
       if (chunks) name(read.error());

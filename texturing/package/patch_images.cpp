@@ -197,6 +197,10 @@ std::array<uint8_t, 3> ShownImage::sample(int64_t x, int64_t y, int level, const
 
 void ShownImage::sampleLine(const Line& line, int level, const Repetition& repetition,
                             const std::array<uint8_t*, 3>& out) const {
+  if (levels_.size() == 1) {  // of one texel
+    for (size_t c = 0; c < 3; ++c) std::fill_n(out[c], line.count, levels_[0].rgb[c]);
+    return;
+  }
   const auto k = std::min(static_cast<size_t>(level), levels_.size() - 1);
   const Level& l = levels_[k];
   constexpr int64_t kWhole = int64_t{1} << kPlaceLog2;

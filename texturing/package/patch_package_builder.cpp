@@ -401,7 +401,9 @@ Result<BuildReport> buildPatchPackage(const PatchSource& source, const BuildOpti
       [&](size_t done) { reporter.reportTexels(done * patch_texels); });
   if (!kept) return kept.error();
   if (auto found = findTextureDepths(context, header, options, force.workers); !found) return found.error();
-  header.coded_index = header.coded_texels && options.coded_index && header.page_count <= kMostCodedPages;
+  const uint64_t without_bytes = source.patchesAreEven() ? patches : 0;  // relief that tails show
+  header.coded_index =
+      header.coded_texels && options.coded_index && header.page_count - without_bytes <= options.most_coded_pages;
   header.light_patches = header.light_patches && header.coded_index;
   reporter.expect(header.page_count, patches * patch_texels);
 
