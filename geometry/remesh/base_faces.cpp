@@ -29,8 +29,9 @@ class FacePairs {
     }
   }
 
-  // Pairs all triangles but for some at borders. Those of two triangles that may be one patch come first: they form a
-  // convex quad that folds by at most max_fold, and look alike. False: some triangle stays alone that has no border.
+  // Pairs all triangles but for some at borders. Those of two triangles that may be one patch come first: they fold by
+  // at most max_fold, have four corners, and look alike; their quad need not be convex, as it is cut. False: some
+  // triangle stays alone that has no border.
   bool pair(double max_fold) {
     chooseQuads(max_fold);
     std::fill(mate_.begin(), mate_.end(), kNoIndex);
@@ -109,17 +110,8 @@ class FacePairs {
       const uint32_t g = s_.twin[h];
       if (g == kNoIndex || g < h || !looksAlike(h / 3, g / 3)) continue;
       const double fold = angleBetween(normal_[h / 3], normal_[g / 3]);
-      if (fold <= max_fold && isConvex(h, g)) fold_[h] = fold_[g] = fold;
+      if (fold <= max_fold && corner(h, 2) != corner(g, 2)) fold_[h] = fold_[g] = fold;
     }
-  }
-  // Do the two triangles at a side form a quad with angles of at most 180 degrees, but for rounding, and four corners?
-  bool isConvex(uint32_t h, uint32_t g) const {
-    constexpr double kMostAngle = 180.001 * kDegree;
-    if (corner(h, 2) == corner(g, 2)) return false;
-    const glm::dvec3 a = s_.points[corner(h, 0)], b = s_.points[corner(h, 1)], c = s_.points[corner(h, 2)],
-                     d = s_.points[corner(g, 2)];
-    return angleBetween(c - a, b - a) + angleBetween(d - a, b - a) <= kMostAngle &&
-           angleBetween(c - b, a - b) + angleBetween(d - b, a - b) <= kMostAngle;
   }
   // Of equally flat ones, those whose quads are the squarest.
   void pairFlattestFirst() {
