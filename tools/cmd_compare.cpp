@@ -233,6 +233,11 @@ Result<void> compare(const CompareOptions& o) {
                  "the artwork has no relief: there is no geometry to compare",
                  "build it with --relief",
                  {}};
+  if (std::none_of(m.coarse_errors.begin(), m.coarse_errors.end(), [](const auto& errors) { return errors[0] > 0; }) &&
+      !m.domain.isFlat() && m.domain.relief_depth == 0)
+    warn(o.file +
+         ": its patches are the scan's own triangles, without heights, so that no strategy has anything to leave out; "
+         "`relievo build --mesh FILE --patches 200` makes larger ones, to compare strategies on");
   if (o.path == "scene") {
     if (o.scene.empty()) return usageError("--path scene needs a scene as FILE", "or give orbit, flyover or zoom");
     auto cameras = scenePath(o.scene, m, plan->frames, plan->width_px, plan->height_px);

@@ -308,7 +308,13 @@ TEST_F(MeshCli, FewTrianglesAreTheirOwnBaseUnlessLessIsAskedFor) {
   EXPECT_GE(own["mesh"]["patches"].get<size_t>(), pairs);
   EXPECT_LT(own["distance"]["scan_to_patches"]["max_of_diagonal"].get<double>(), 1e-6);
   const auto bytes = std::filesystem::file_size(file("a.relievo"));
+  // Whoever compares strategies on it is told that there is nothing to choose.
+  const std::string compared =
+                        "compare " + file("a.relievo") + " -o " + file("report") + " --path " + file("none.json"),
+                    nothing = "patches are the scan's own triangles, without heights";
+  EXPECT_NE(relievo(compared).output.find(nothing), std::string::npos);
   const Json coarser = built(" --tolerance 0.5%");
+  EXPECT_EQ(relievo(compared).output.find(nothing), std::string::npos) << "control";
   EXPECT_LT(coarser["mesh"]["patches"].get<size_t>(), pairs / 4);
   EXPECT_LT(coarser["relief_bits_per_vertex"].get<double>(), own["relief_bits_per_vertex"].get<double>() / 4)
       << "a coarser copy is a smaller one";
