@@ -32,8 +32,8 @@ inline constexpr double kMuchCoarser = 2;
 // times of the default one; with a larger one larger patches need fewer samples.
 constexpr uint32_t mostLightFaces(FaceTexels texels, double of_default) {
   if (texels != FaceTexels::kShown && texels != FaceTexels::kNone) return 0;
-  const double most = texels == FaceTexels::kShown ? kManyShownFaces : kManyLightFaces;
-  return std::max(kMostPatches, static_cast<uint32_t>(most * std::min(1.0, kMuchCoarser / of_default)));
+  const double many = texels == FaceTexels::kShown ? kManyShownFaces : kManyLightFaces;
+  return std::max(kMostPatches, static_cast<uint32_t>(many * std::min(1.0, kMuchCoarser / of_default)));
 }
 // And so many, exact and soon made as they are, before more than kMostPatches others.
 constexpr uint32_t mostLightFacesAtLast(FaceTexels texels, double of_default) {

@@ -115,6 +115,43 @@ TEST(KeptTails, AnEvenPlaneGoesOnAsItIs) {
   }
 }
 
+// What is shown at a corner is the mean of what the patches that meet there go on to, at whatever level they end.
+TEST(KeptTails, CornersAreTheMeanOfWhatPatchesGoOnTo) {
+  const BaseMesh mesh = cubeSphere(2, 50, kSeed);
+  const auto patches = static_cast<uint32_t>(mesh.patches.size());
+  const auto value = [](uint32_t, int c, double u, double v) {
+    return 120 + 20 * std::sin(1.6 * u) * std::cos(1.6 * v) + 10 * c;
+  };
+  const KeptTails kept(tailsOf(patches, value), kOfNormals);
+  const TailBlocks blocks(kept, mesh);
+  std::vector<double> sum(mesh.corners.size(), 0), count(mesh.corners.size(), 0);
+  std::array<int, kTailLevels> levels{};
+  double furthest = 0, control = 0;
+  for (const bool compares : {false, true})
+    for (uint32_t p = 0; p < patches; ++p)
+      for (size_t k = 0; k < 4; ++k) {
+        const KeptTails::Plane of = kept.plane(p, 0);
+        const int side = PatchTails::side(of.finest), x = k % 2 ? side - 1 : 0, y = k / 2 ? side - 1 : 0,
+                  in_x = k % 2 ? x - 1 : 1, in_y = k / 2 ? y - 1 : 1;
+        auto at = [&](int i, int j) { return static_cast<double>(of.at(of.finest, 0, i, j)); };
+        const double goes_on_to =
+            (9 * at(x, y) - 3 * at(in_x, y) - 3 * at(x, in_y) + at(in_x, in_y)) / 4;  // half a texel beyond, both ways
+        const uint32_t corner = mesh.patches[p][k];
+        if (!compares) {
+          sum[corner] += goes_on_to, ++count[corner];
+          continue;
+        }
+        ++levels[static_cast<size_t>(of.finest)];
+        const double shown =
+            shownAt(blocks, p, of.finest, 0, 0, static_cast<double>(k % 2), static_cast<double>(k / 2));
+        furthest = std::max(furthest, std::abs(shown - sum[corner] / count[corner]));
+        control = std::max(control, std::abs(goes_on_to - sum[corner] / count[corner]));
+      }
+  EXPECT_GT(levels[1] + levels[2], 0) << "neither the finest nor the coarsest";
+  EXPECT_LE(furthest, 2) << "of whole numbers";
+  EXPECT_GT(control, 5) << "what one patch goes on to";
+}
+
 TEST(KeptTails, WhatWasNotReadIsZero) {
   const KeptTails none(300, 6);
   EXPECT_TRUE(none.whole(0, 300) == PatchTails(300, 6));
