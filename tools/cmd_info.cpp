@@ -236,13 +236,13 @@ void printPages(const Contents& c) {
     printOutf("    left out  %llu nodes of texture that nothing needs; %llu patches have none at all, their tails do\n",
               static_cast<unsigned long long>(left_out), static_cast<unsigned long long>(patchesWithoutTexture(d)));
   if (const auto shown = c.package.shownImages(); shown.bytes > 0) {
-    const double mib = static_cast<double>(shown.bytes) / (1 << 20);
+    const double shown_kib = static_cast<double>(shown.bytes) / 1024;
     if (shown.one_colour || (shown.corner_colours && shown.images == 0))
-      printOutf("    normals      %8.1f MiB: of the triangles that make %u patches, and %s\n", mib, shown.patches,
+      printOutf("    normals      %8.1f KiB: of the triangles that make %u patches, and %s\n", shown_kib, shown.patches,
                 shown.one_colour ? "one colour" : "their corners' colours");
     else
-      printOutf("    images       %8.1f MiB: %zu that %u patches show, whose pages are made when they are read\n", mib,
-                shown.images, shown.patches);
+      printOutf("    images       %8.1f KiB: %zu that %u patches show, whose pages are made when they are read\n",
+                shown_kib, shown.images, shown.patches);
   }
   const PackageHeader& h = c.package.header();
   if (h.coded_tails)
