@@ -670,21 +670,9 @@ Result<std::unique_ptr<Engine>> Engine::create(Artwork artwork, const Scene& sce
   auto impl = std::make_unique<Impl>();
   if (auto prepared = impl->prepare(std::move(artwork), scene, options); !prepared) return prepared.error();
   const Manifest& manifest = impl->artwork.manifest;
-  const bool with_tails = drawnWithTails(manifest.domain, options.most_pinned_patches);
   ResidentPlanes& planes = *impl->planes;
   if (const std::string why = planes.whyNotBlocks(impl->plan); options.upload == Upload::kBlocks && !why.empty())
     impl->notices.push_back("texture pages are uploaded as rgba8, not as blocks: " + why);
-  if (with_tails) {
-    if (const uint64_t most = TailTextures::maxPatches(manifest.texture.planes());
-        manifest.domain.patchCount() > most) {
-      return Error{ErrorKind::kUnsupported,
-                   "",
-                   "this GL context has room for the tails of " + std::to_string(most) + " patches, the artwork has " +
-                       std::to_string(manifest.domain.patchCount()),
-                   "build it with fewer patches (--patches)",
-                   {}};
-    }
-  }
   if (auto made = planes.makeTails(); !made) return made.error();
   impl->stats.tail_bytes = planes.tailBytes();
   if (auto fits = impl->fitCache(); !fits) return fits.error();

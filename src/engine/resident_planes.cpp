@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <string>
 #include <utility>
 
 #include "texturing/codec/page_codec.h"
@@ -26,6 +27,12 @@ Result<void> ResidentPlanes::makeTails() {
   readTails();
   if (options_.interrupted && options_.interrupted->load())
     return Error{ErrorKind::kInterrupted, "", "interrupted", "", {}};
+  if (!TailTextures::fit(*tails_, TexelTable::mostRowTexels(), TexelTable::mostBufferTexels()))
+    return Error{ErrorKind::kUnsupported,
+                 "",
+                 "this GL context has no room for the tails of " + std::to_string(tails_->patches()) + " patches",
+                 "build the artwork with fewer patches (--patches)",
+                 {}};
   tail_textures_ = std::make_unique<TailTextures>(*tails_);
   tail_bytes_ = tail_textures_->mostBytes();
   return {};

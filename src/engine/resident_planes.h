@@ -33,7 +33,8 @@ class ResidentPlanes {
   uint64_t leastBytes(const EffectPlan& plan) const { return tail_bytes_ + minCacheBytes(needs(plan)); }
   // What all pages of the plan take.
   uint64_t mostBytes(const EffectPlan& plan) const;
-  // Makes the tails, where there are any: from then on it is known what they take. Error: kInterrupted.
+  // Makes the tails, where there are any: from then on it is known what they take. Errors: kInterrupted;
+  // kUnsupported: the context has no room for them.
   Result<void> makeTails();
   // Makes the pool for a plan's pages.
   void openPool(const EffectPlan& plan);

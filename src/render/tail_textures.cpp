@@ -8,9 +8,6 @@
 namespace relievo {
 namespace {
 
-// Texels of the table that a patch takes at most: its ranks, and all levels of all planes.
-uint64_t mostTexels(uint64_t planes) { return planes * (1 + kTailBlockAt[kTailLevels]); }
-
 // How many planes' words a texel of the table has, as of shaders/tails.glsl: they are fetched at once, and their levels
 // are the same.
 size_t wordsOf(size_t planes, bool paired) { return paired && planes % 2 == 0 ? 2 : 1; }
@@ -42,12 +39,16 @@ TailLevels::TailLevels(const KeptTails& tails, size_t words_a_texel)
       texels += of_group[static_cast<size_t>(level)] * tailBlockTexels(level);
 }
 
+// Each patch has its corners' heights, and a grid of its own unless all patches share one.
+uint64_t heightsOf(const KeptTails& tails) {
+  return uint64_t{4} * tails.patches() + (tails.heightsAreEven() ? 1 : tails.patches()) * kTailHeights;
+}
+
 }  // namespace
 
-uint64_t TailTextures::maxPatches(int planes) {
-  const uint64_t rows = TexelTable::mostRowTexels() / mostTexels(static_cast<uint64_t>(std::max(planes, 1))),
-                 buffer = TexelTable::mostBufferTexels();
-  return buffer == 0 ? rows : std::min(rows, buffer / kTailBlockHeights);
+bool TailTextures::fit(const KeptTails& tails, uint64_t most_row_texels, uint64_t most_buffer_texels) {
+  return TailLevels(tails, 1).texels <= most_row_texels &&
+         heightsOf(tails) <= (most_buffer_texels == 0 ? most_row_texels : most_buffer_texels);
 }
 
 TailTextures::TailTextures(const KeptTails& tails)
@@ -62,7 +63,7 @@ TailTextures::TailTextures(const KeptTails& tails)
   rows_ = TexelTable::mostBufferTexels() > 0 && texels > TexelTable::mostBufferTexels();
   std::vector<uint16_t> heights;
   const uint32_t grids = heights_a_patch_ > 0 ? patches_ : 1;
-  heights.reserve(size_t{4} * patches_ + grids * kTailHeights);
+  heights.reserve(heightsOf(tails));
   for (uint32_t p = 0; p < patches_; ++p)
     for (size_t corner : {size_t{0}, size_t{kTailSamples - 1}, kTailHeights - kTailSamples, kTailHeights - 1})
       heights.push_back(tails.height(p, corner));

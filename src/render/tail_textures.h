@@ -17,8 +17,8 @@ class TailTextures {
  public:
   static constexpr int kHeightUnit = 12, kTexelUnit = 13;  // texture units
 
-  // How many patches this context has room for.
-  static uint64_t maxPatches(int planes);
+  // Has a context room for them? Of so many texels in rows, and in a buffer texture; 0: it has none.
+  static bool fit(const KeptTails& tails, uint64_t most_row_texels, uint64_t most_buffer_texels);
   explicit TailTextures(const KeptTails& tails);  // of all planes; uploads the heights
   // True: the texels lie in rows of an array texture, although the context has buffer textures, because they are too
   // many for one. Programs need the define TAIL_ROWS then.

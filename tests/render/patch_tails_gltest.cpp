@@ -7,6 +7,7 @@
 
 #include "shaders/embedded.h"
 #include "src/engine/fault_injection.h"
+#include "src/render/tail_textures.h"
 #include "src/render/texel_table.h"
 #include "tests/render/lit_ball.h"
 #include "tests/render/made_engine.h"
@@ -202,6 +203,21 @@ TEST_F(ManyPatches, TheSmallestCacheDrawsAll) {
 }
 
 // Numbers that GLSL has to know.
+// A context has room for what tails take, not for the most that so many could: patches without heights of 2 x 2 texels.
+TEST(TailTextures, FitByWhatTheyTake) {
+  const KeptTails even(1000, 6);
+  constexpr uint64_t kTexels = 1000 * 2 * (1 + 4 * 4),  // a rank, and a block with its border, of either plane
+      kHeights = 1000 * 4 + kTailHeights;
+  EXPECT_TRUE(TailTextures::fit(even, kTexels, kHeights));
+  EXPECT_FALSE(TailTextures::fit(even, kTexels - 1, kHeights));
+  EXPECT_FALSE(TailTextures::fit(even, kTexels, kHeights - 1));
+  EXPECT_TRUE(TailTextures::fit(even, kTexels, 0)) << "heights lie in rows, too";
+  PatchTails bent(3, 6);
+  bent.heights[0] = 7;
+  EXPECT_TRUE(TailTextures::fit(bent, kTexels, 3 * (4 + kTailHeights)));
+  EXPECT_FALSE(TailTextures::fit(bent, kTexels, 3 * (4 + kTailHeights) - 1)) << "a grid each";
+}
+
 TEST(TailShaders, KnowTheSameNumbers) {
   const std::string text(shaderSource("tails.glsl")), vertex(shaderSource("patch.vert"));
   auto has = [](const std::string& in, const std::string& what) { return in.find(what) != std::string::npos; };
