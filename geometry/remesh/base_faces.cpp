@@ -30,19 +30,21 @@ class FacePairs {
   }
 
   // Pairs all triangles but for some at borders. Those of two triangles that may be one patch come first: they fold by
-  // at most max_fold, have four corners, and look alike; their quad need not be convex, as it is cut. False: some
-  // triangle stays alone that has no border.
+  // at most max_fold, have four corners, and look alike. Convex quads of these first of all: others are cut as well,
+  // but no pair is exchanged for one, since packages take more bytes where a regular mesh is paired in several ways.
+  // False: some triangle stays alone that has no border.
   bool pair(double max_fold) {
     chooseQuads(max_fold);
     std::fill(mate_.begin(), mate_.end(), kNoIndex);
-    pairFlattestFirst();
     std::vector<std::array<uint32_t, 3>> neighbours(mate_.size());
     std::vector<uint8_t> may_stay_alone(mate_.size(), 0);
     for (const bool all : {false, true}) {
+      pairFlattestFirst(!all);
       for (uint32_t h = 0; h < s_.twin.size(); ++h) {
         const bool open = s_.twin[h] == kNoIndex;
         may_stay_alone[h / 3] |= all && open;
-        neighbours[h / 3][h % 3] = !open && (all || fold_[h] >= 0) ? s_.twin[h] / 3 : kNoIndex;
+        const bool may = !open && (all || (fold_[h] >= 0 && isConvex(h, s_.twin[h])));
+        neighbours[h / 3][h % 3] = may ? s_.twin[h] / 3 : kNoIndex;
       }
       pairMoreTriangles(neighbours, may_stay_alone, mate_);
     }
@@ -113,8 +115,16 @@ class FacePairs {
       if (fold <= max_fold && corner(h, 2) != corner(g, 2)) fold_[h] = fold_[g] = fold;
     }
   }
+  // Do the two triangles at a side form a quad with angles of at most 180 degrees, but for rounding?
+  bool isConvex(uint32_t h, uint32_t g) const {
+    constexpr double kMostAngle = 180.001 * kDegree;
+    const glm::dvec3 a = s_.points[corner(h, 0)], b = s_.points[corner(h, 1)], c = s_.points[corner(h, 2)],
+                     d = s_.points[corner(g, 2)];
+    return angleBetween(c - a, b - a) + angleBetween(d - a, b - a) <= kMostAngle &&
+           angleBetween(c - b, a - b) + angleBetween(d - b, a - b) <= kMostAngle;
+  }
   // Of equally flat ones, those whose quads are the squarest.
-  void pairFlattestFirst() {
+  void pairFlattestFirst(bool convex) {
     constexpr double kFlat = 0.01 * kDegree;
     struct Pair {
       double fold, angle;
@@ -122,7 +132,7 @@ class FacePairs {
     };
     std::vector<Pair> pairs;
     for (uint32_t h = 0; h < fold_.size(); ++h) {
-      if (fold_[h] < 0 || s_.twin[h] < h) continue;
+      if (fold_[h] < 0 || s_.twin[h] < h || (convex && !isConvex(h, s_.twin[h]))) continue;
       const uint32_t g = s_.twin[h];
       const glm::dvec3 p[4] = {s_.points[corner(h, 0)], s_.points[corner(g, 2)], s_.points[corner(h, 1)],
                                s_.points[corner(h, 2)]};
