@@ -557,10 +557,9 @@ Result<bool> MeshBuild::useFewFacesAtOnce() {
   if (a_.patches > 0 || coarser) return false;
   // Before anything is asked of all triangles.
   const size_t triangles = loaded_.mesh.triangles.size();
-  if (isHopeless(loaded_.diagnosis.pieces, 0, 1)) {  // with a patch each
-    const uint32_t most_light = mostLightFacesAtLast(faceTexels(), 1);
+  const uint32_t most_light = mostLightFacesAtLast(faceTexels(), 1);
+  if (most_light > 0 && isHopeless(loaded_.diagnosis.pieces, 0, 1))  // with a patch each
     if (const Result<bool> own = useFaces(most_light); !own || *own) return own;
-  }
   if (triangles > 2 * size_t{kManyLightFaces}) return false;
   const std::vector<double> texels = imageTexels();
   const FaceTexels of_faces = faceTexels();

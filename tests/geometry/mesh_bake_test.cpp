@@ -1715,6 +1715,17 @@ TEST(MeshBake, plainColoursAreShownByOwnTriangles) {
   }
 }
 
+BaseMesh ownTriangles(const TriMesh& mesh) {
+  BaseMesh base = facesBase(*makeSurface(mesh.positions_mm, mesh.triangles), 1000);
+  base.cut = true;
+  return base;
+}
+BakeOptions showingImages() {
+  BakeOptions options{.cells_log2 = 3, .fit = false, .touch_mm = 1e-4};
+  options.tail_textures = options.show_images = true;
+  return options;
+}
+
 // Colours of vertices are those of patches' corners, linear between them as on the triangles.
 TEST(MeshBake, verticesColoursAreShownByOwnTriangles) {
   TriMesh mesh = sheetMesh(30, 10, 6, 4, [](double, double) { return 0.0; });
@@ -1722,12 +1733,8 @@ TEST(MeshBake, verticesColoursAreShownByOwnTriangles) {
     return glm::u8vec3(glm::round(glm::vec3(120 + 6 * p.x, 90 - 11 * p.y, 30 + 0.4f * p.x * p.x)));
   };
   for (const glm::vec3& p : mesh.positions_mm) mesh.colours.push_back(colourAt(p));
-  auto surface = makeSurface(mesh.positions_mm, mesh.triangles);
-  ASSERT_TRUE(surface.ok());
-  BaseMesh base = facesBase(*surface, 1000);
-  base.cut = true;
-  BakeOptions options{.cells_log2 = 3, .fit = false, .touch_mm = 1e-4};
-  options.tail_textures = options.show_images = true;
+  const BaseMesh base = ownTriangles(mesh);
+  BakeOptions options = showingImages();
   const auto baked = bake(mesh, base, options);
   ASSERT_TRUE(baked);
   EXPECT_TRUE(baked->showsImages());
@@ -1768,12 +1775,8 @@ TEST(MeshBake, verticesColoursAreShownByOwnTriangles) {
 TEST(MeshBake, verticesColoursAreShownBesideImages) {
   TriMesh mesh = sheetMesh(30, 10, 6, 4, [](double, double) { return 0.0; });
   mesh.colours.assign(mesh.positions_mm.size(), glm::u8vec3(9, 99, 199));
-  auto surface = makeSurface(mesh.positions_mm, mesh.triangles);
-  ASSERT_TRUE(surface.ok());
-  BaseMesh base = facesBase(*surface, 1000);
-  base.cut = true;
-  BakeOptions options{.cells_log2 = 3, .fit = false, .touch_mm = 1e-4};
-  options.tail_textures = options.show_images = true;
+  const BaseMesh base = ownTriangles(mesh);
+  BakeOptions options = showingImages();
   TriMesh beside = mesh;
   const std::vector<uint8_t> texels(3 * 32 * 32, 100);
   for (size_t t = 0; t < beside.triangles.size(); ++t) {

@@ -131,9 +131,9 @@ Result<BaseSection> decodeBaseSection(std::span<const uint8_t> bytes, uint32_t p
   const bool any_error = std::any_of(out.coarse_errors.begin(), out.coarse_errors.end(),
                                      [](const CoarseErrors& errors) { return errors[0] > 0; });
   if (any_error) out.coarse_blocks.resize(patch_count);
+  else p += patch_count * sizeof(CoarseBlocks);
   for (CoarseBlocks& blocks : out.coarse_blocks)
     for (uint8_t& share : blocks) take(share);
-  if (!any_error) p += patch_count * sizeof(CoarseBlocks);
   if (!has_slopes) return out;
   out.slopes.resize(patch_count);
   for (size_t i = 0; i < out.slopes.size(); ++i) {
@@ -146,9 +146,9 @@ Result<BaseSection> decodeBaseSection(std::span<const uint8_t> bytes, uint32_t p
   }
   if (!has_shapes) return out;
   if (any_error) out.shapes.resize(patch_count);
+  else p += patch_count * sizeof(CoarseShapes);
   for (CoarseShapes& shapes : out.shapes)
     for (DeviationShape& s : shapes) take(s);
-  if (!any_error) p += patch_count * sizeof(CoarseShapes);
   if (!has_depths) return out;
   out.texture_depths.resize(patch_count);
   for (size_t i = 0; i < out.texture_depths.size(); ++i) {
