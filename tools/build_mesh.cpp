@@ -204,9 +204,9 @@ class MeshBuild {
   // What is left after all of these (moreOf()).
   Result<bool> useMorePatches();
   // Chooses the base of the next bake, after one that missed; false: what there is is kept.
-  Result<bool> nextBase(const Fidelity& now, BakeLimit limit, bool better);
-  // Rounds heights to steps as large as the target allows. fidelity_ is then measured at all places.
-  Result<void> chooseStep();
+  Result<bool> nextBase(const Fidelity& now, const BakeReport& baked, bool better);
+  // Rounds heights to steps as large as the target allows. fidelity_ is then measured at all places. False: to none.
+  Result<bool> chooseStep();
   // cells_log2: BakeOptions::cells_log2, without a fit; -1: all that the target needs.
   Result<void> bake(int cells_log2 = -1);
   FidelityTarget target(double tolerance = 0) const;
@@ -429,12 +429,12 @@ Result<void> MeshBuild::bakeUntilKept() {
     if (!found) return found.error();
     if (at_few_places_) {
       Fidelity of_best = std::exchange(fidelity_, std::move(*found));
-      if (auto done = chooseStep(); !done) return done;
+      if (auto done = chooseStep(); !done) return done.error();
       if (fidelity_.kept()) return finishBake();
       many_places_ = true;
       found = std::exchange(fidelity_, std::move(of_best));
     }
-    const BakeLimit limit = bake_->report().limit;
+    const BakeReport baked = bake_->report();
     const Fidelity now = *found;
     const bool better = !best || now.excess() < fidelity_.excess();
     if (better) {
@@ -443,8 +443,18 @@ Result<void> MeshBuild::bakeUntilKept() {
       best_kind = base_kind_;
       fidelity_ = std::move(*found);
     }
-    if (now.excess() <= kEnough || a_.patches > 0) break;
-    auto next = nextBase(now, limit, better);
+    if (a_.patches > 0) break;
+    if (now.excess() <= kEnough) {
+      // Heights that cannot be rounded take several times the bytes: another base may have better ones.
+      if (better) bake_ = std::move(best);
+      Fidelity of_best = std::exchange(fidelity_, now);
+      auto rounded = chooseStep();
+      if (!rounded) return rounded.error();
+      if (*rounded) return finishBake();
+      if (better) best = std::move(bake_);
+      fidelity_ = std::move(of_best);
+    }
+    auto next = nextBase(now, baked, better);
     if (!next) return next.error();
     if (!*next) break;
   }
@@ -458,7 +468,7 @@ Result<void> MeshBuild::bakeUntilKept() {
     if (!found) return found.error();
     fidelity_ = std::move(*found);
   }
-  if (auto done = chooseStep(); !done) return done;
+  if (auto done = chooseStep(); !done) return done.error();
   return finishBake();
 }
 
@@ -603,7 +613,7 @@ Result<void> MeshBuild::replaceHopelessBase() {
   return more ? Result<void>() : more.error();
 }
 
-Result<bool> MeshBuild::nextBase(const Fidelity& now, BakeLimit limit, bool better) {
+Result<bool> MeshBuild::nextBase(const Fidelity& now, const BakeReport& baked, bool better) {
   constexpr double kLargeMiss = 8;  // of the target's largest: sides at a quarter there, not at a half
   // Beyond it patches of even size would have to be too many. Near the target they make smaller packages.
   constexpr double kHopeless = SimplifiedRounds::kHopeless, kFarOff = SimplifiedRounds::kFarOff;
@@ -629,8 +639,9 @@ Result<bool> MeshBuild::nextBase(const Fidelity& now, BakeLimit limit, bool bett
     const size_t triangles = loaded_.mesh.triangles.size();
     const auto own = triangles <= 2 * size_t{kFewFaces}    ? OwnTriangles::kFew
                      : triangles <= 2 * size_t{kManyFaces} ? OwnTriangles::kMany
-                     : most_simplified_ < kMostSimplified  ? OwnTriangles::kTooMany
-                                                           : OwnTriangles::kNone;
+                     : most_simplified_ == kMostSimplified ? OwnTriangles::kNone
+                     : triangles > kLargeScan              ? OwnTriangles::kFarTooMany
+                                                           : OwnTriangles::kTooMany;
     const auto next = simplified_rounds_.after({now.excess(), fidelity_.excess(), better, fidelity_.kept()}, own);
     if (next == SimplifiedRounds::Next::kEnd) return fidelity_.kept() ? false : useMorePatches();
     if (next == SimplifiedRounds::Next::kSameBase) {
@@ -646,7 +657,7 @@ Result<bool> MeshBuild::nextBase(const Fidelity& now, BakeLimit limit, bool bett
     }
   } else if (now.excess() <= kHopeless || !first) {
     // Where the samples ran out, those of the next bases are chosen by the tolerance.
-    more_samples_ |= limit == BakeLimit::kSamples;
+    more_samples_ |= baked.limit == BakeLimit::kSamples;
     // Far off, a base that is finer may first be worse, before it finds the surface.
     in_vain_ = better || fidelity_.excess() > kFarOff ? 0 : in_vain_ + 1;
     // Near the target the next base is a small one: what is refined where it missed comes to keep it sooner or later.
@@ -656,7 +667,10 @@ Result<bool> MeshBuild::nextBase(const Fidelity& now, BakeLimit limit, bool bett
     ask(now.violations);
     if (round_ <= kRounds + more && in_vain_ < kInVain + more && domain_->patchesToRefine(requests) <= kMostEven) {
       refined_ = true;
-      auto done = use(BaseKind::kEven, stages_.run("base", [&] { return domain_->refine(requests, kMostPatches); }));
+      const uint32_t least =
+          leastRefined(loaded_.mesh.triangles.size(), base_.patches.size(), baked.samples, baked.cells_log2);
+      auto done =
+          use(BaseKind::kEven, stages_.run("base", [&] { return domain_->refine(requests, kMostPatches, least); }));
       if (!done || *done) return done;
     }
     requests.clear();  // of another base
@@ -668,7 +682,7 @@ Result<bool> MeshBuild::nextBase(const Fidelity& now, BakeLimit limit, bool bett
   return useMorePatches();
 }
 
-Result<void> MeshBuild::chooseStep() {
+Result<bool> MeshBuild::chooseStep() {
   const int kTries = base_kind_ == BaseKind::kEven ? 4 : 3;  // bases that lie close to the scan have few heights
   double set = 0;
   auto change = [&](double step) -> Result<double> {
@@ -676,7 +690,7 @@ Result<void> MeshBuild::chooseStep() {
     if (auto done = bake_->setStep(step); !done) return done.error();
     return bake_->stepChangeMm();
   };
-  return stages_.run("bake", [&]() -> Result<void> {
+  return stages_.run("bake", [&]() -> Result<bool> {
     auto few = at_few_places_ ? Result<Fidelity>(fidelity_) : measureBake(*bake_, 0, Places::kFew);
     if (!few) return few.error();
     auto chosen = chooseStepFor(
@@ -693,7 +707,7 @@ Result<void> MeshBuild::chooseStep() {
       fidelity_ = std::move(*found);
     }
     at_few_places_ = false;
-    return {};
+    return chosen->step_mm > 0;
   });
 }
 

@@ -29,8 +29,9 @@ class SimplifiedRounds {
   // kSameBase: the same base once more, in the other way.
   enum class Next : uint8_t { kAgain, kSameBase, kOwnTriangles, kEnd };
   // Whether the scan's own triangles may be patches. Few of them take hardly more bytes than simplified ones. kTooMany:
-  // more patches than these rounds have may come next; kNone: nothing comes next.
-  enum class OwnTriangles : uint8_t { kNone, kTooMany, kMany, kFew };
+  // more patches than these rounds have may come next; kFarTooMany: and bakes take so long that they come next as soon
+  // as the first base is far off; kNone: nothing comes next.
+  enum class OwnTriangles : uint8_t { kNone, kFarTooMany, kTooMany, kMany, kFew };
   // The first base is baked in both ways, unless the first one is hopeless; all others in the better one. Which one
   // that is depends on the scan, and much: the other one may miss by ten times as much.
   Next after(Bake bake, OwnTriangles own) {
@@ -58,7 +59,9 @@ class SimplifiedRounds {
     bool in_sight = true;
     if (own == OwnTriangles::kFew) in_sight = round_ < 3 && bake.least <= kFarOff;
     if (own == OwnTriangles::kMany) in_sight = round_ < 3 || at_the_end <= kFarOff;
-    if (own == OwnTriangles::kTooMany) in_sight = round_ < 3 || at_the_end <= kNearly;
+    const bool far = own == OwnTriangles::kFarTooMany;
+    if (far || own == OwnTriangles::kTooMany) in_sight = round_ < 3 || at_the_end <= kNearly;
+    if (far && bake.least > kFarOff) in_sight = false;
     least_before_ = {bake.least, least_before_[0]};
     over_ = round_ > rounds || in_vain_ >= (own_triangles ? 1 : times) * kInVain || bake.own > kHopeless;
     if (over_) return !bake.kept && own_triangles ? Next::kOwnTriangles : Next::kEnd;

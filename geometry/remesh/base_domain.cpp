@@ -683,10 +683,11 @@ uint32_t BaseDomain::patchesToRefine(std::span<const RefineRequest> requests) co
   return impl_->refinedCountFor(impl_->refinementFactors(requests));
 }
 
-Result<BaseMesh> BaseDomain::refine(std::span<const RefineRequest> requests, uint32_t max_patches) {
+Result<BaseMesh> BaseDomain::refine(std::span<const RefineRequest> requests, uint32_t max_patches,
+                                    uint32_t least_patches) {
   Impl& d = *impl_;
   std::vector<float> factor = d.refinementFactors(requests);
-  const uint32_t patches = std::min<uint32_t>(d.refinedCountFor(factor), max_patches);
+  const uint32_t patches = std::min(std::max(d.refinedCountFor(factor), least_patches), max_patches);
   d.weight.resize(factor.size(), 1.0f);
   for (size_t v = 0; v < factor.size(); ++v) d.weight[v] = std::min(d.weight[v] * factor[v], kMaxWeight);
   // Smaller patches need a surface of smaller triangles.

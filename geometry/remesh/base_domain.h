@@ -62,8 +62,8 @@ class BaseDomain {
   // Whether grow() would try to lose less.
   bool mayGrow() const;
   // After make(): a base mesh with smaller patches at the requests and equally large ones elsewhere, of about
-  // max_patches at most.
-  Result<BaseMesh> refine(std::span<const RefineRequest> requests, uint32_t max_patches);
+  // max_patches at most. least_patches: about so many at least, of which all are smaller where they are more.
+  Result<BaseMesh> refine(std::span<const RefineRequest> requests, uint32_t max_patches, uint32_t least_patches = 0);
   // How many patches refine() would aim at without a limit.
   uint32_t patchesToRefine(std::span<const RefineRequest> requests) const;
   // The scan's own triangles as patches (base_faces.h): at most max_patches, or an error (kUsage) if that is too few.

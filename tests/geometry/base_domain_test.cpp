@@ -528,6 +528,32 @@ TEST(BaseDomain, TellsHowManyPatchesRefiningTakes) {
   EXPECT_NEAR(static_cast<double>(refined->patches.size()), foretold, 0.3 * foretold);
 }
 
+// Or as many as are asked for, of which those elsewhere are smaller, too; never more than there may be.
+TEST(BaseDomain, RefinesToAsManyPatchesAsAreAskedFor) {
+  const TriMesh ball = ballMesh(24);
+  const std::vector<RefineRequest> requests{{glm::dvec3(ball.positions_mm[0])}};
+  auto refinedTo = [&](uint32_t most, uint32_t least) -> BaseMesh {
+    auto domain = relievo::BaseDomain::create(ball);
+    if (!domain || !(*domain)->make()) return {};
+    auto base = (*domain)->refine(requests, most, least);
+    return base ? std::move(*base) : BaseMesh{};
+  };
+  // The patches on the far side of the ball.
+  auto elsewhere = [&](const BaseMesh& base) {
+    const glm::dvec3 at(ball.positions_mm[0]);
+    size_t count = 0;
+    for (uint32_t p = 0; p < base.patches.size(); ++p) count += glm::dot(base.point(p, 0.5, 0.5), at) < 0;
+    return count;
+  };
+  const BaseMesh few = refinedTo(4096, 0), many = refinedTo(4096, 900), limited = refinedTo(500, 900);
+  ASSERT_FALSE(few.patches.empty());
+  EXPECT_LT(few.patches.size(), 450u);
+  EXPECT_NEAR(static_cast<double>(many.patches.size()), 900, 0.3 * 900);
+  EXPECT_NEAR(static_cast<double>(limited.patches.size()), 500, 0.3 * 500);
+  EXPECT_GT(elsewhere(many), 2 * elsewhere(few));
+  EXPECT_EQ(refinedTo(4096, 10).patches, few.patches) << "fewer than it takes anyway";
+}
+
 // make() stops at the first base that is worth a bake, grow() goes on to what makeBaseMesh() returns at once.
 TEST(BaseDomain, GrowsUntilNothingIsLost) {
   const TriMesh scan = relievo::helmet(1);

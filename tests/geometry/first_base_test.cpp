@@ -115,6 +115,22 @@ TEST(FirstBase, OwnTrianglesLieOnAFinerLattice) {
   EXPECT_EQ(faceStepFor(1e-9, 1), finestBaseStep(1));
 }
 
+TEST(FirstBase, BasesOfLargeScansGrowInLargeSteps) {
+  const size_t large = 2 * size_t{262'144} + 1, patches = 700;
+  // Of at most a page a patch: half as many again.
+  EXPECT_EQ(leastRefined(large, patches, 9'000'000, 7), 1050u);
+  EXPECT_EQ(leastRefined(large, patches, 9'000'000, 5), 1050u);
+  // Of several: two for each page of 128 x 128 cells.
+  EXPECT_EQ(leastRefined(large, 67, 16'384 * 600, 9), 1200u);
+  EXPECT_EQ(leastRefined(large, 67, 16'384 * 600, 8), 1200u);
+  EXPECT_EQ(leastRefined(large, 67, 16'384 * 600, 7), 100u) << "control: of one page";
+  EXPECT_EQ(leastRefined(large, 3000, 1'000'000, 6), kMostPatches) << "and no more than there may be";
+  EXPECT_EQ(leastRefined(large, 67, uint64_t{1} << 40, 10), kMostPatches);
+  // As many as they need otherwise.
+  EXPECT_EQ(leastRefined(large - 1, patches, 9'000'000, 7), 0u);
+  EXPECT_EQ(leastRefined(large - 1, patches, 9'000'000, 9), 0u);
+}
+
 TEST(FirstBase, ErrorsEndTheSearch) {
   const Tried out = tried(5000, Error{ErrorKind::kInterrupted, "", "interrupted", "", {}});
   EXPECT_EQ(out.bases, (std::vector<uint32_t>{4096, 0}));

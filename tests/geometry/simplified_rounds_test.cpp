@@ -60,6 +60,11 @@ TEST(SimplifiedRounds, ThatDoNotComeNearTheTargetEndEarlyWhereThereMayBeMorePatc
   EXPECT_EQ(roundsOf(slow, Own::kNone), (Outcome{6, Next::kEnd, true})) << "control: nothing else is left";
   // 4 after two rounds that halved it: three more would end at 1.4.
   EXPECT_EQ(roundsOf({8, 6, 4, 3}, Own::kTooMany), (Outcome{4, Next::kAgain, false}));
+  // Where bakes take long, what is far off after the first base is left at once.
+  EXPECT_EQ(roundsOf({8, 6, 4, 3}, Own::kFarTooMany), (Outcome{1, Next::kEnd, false}));
+  EXPECT_EQ(roundsOf({4.1}, Own::kFarTooMany), (Outcome{1, Next::kEnd, false}));
+  EXPECT_EQ(roundsOf({4, 3, 2, 1.5}, Own::kFarTooMany), (Outcome{4, Next::kAgain, false}));
+  EXPECT_EQ(roundsOf({4, 3.9, 3.8}, Own::kFarTooMany), (Outcome{3, Next::kEnd, false}));
 }
 
 TEST(SimplifiedRounds, EndWhereNoMoreHelp) {
