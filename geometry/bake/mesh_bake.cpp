@@ -270,7 +270,8 @@ Result<std::unique_ptr<MeshBake>> MeshBake::create(const TriMesh& mesh, std::spa
     scene = std::move(*made);
   }
   impl->context.scene = std::move(scene.rays);
-  if (mesh.triangles.size() / base.patches.size() >= scene.rasterise_from_per_patch)
+  const size_t from_per_patch = (base.cut ? BakeSceneOptions::kCutTimes : 1) * scene.rasterise_from_per_patch;
+  if (mesh.triangles.size() / base.patches.size() >= from_per_patch)
     impl->context.rasteriser = std::move(scene.rasteriser);
   impl->context.normals = std::move(scene.normals);
   if (base.cut && options.touch_mm > 0 && !impl->context.findOwnTriangles()) return interruptedError();

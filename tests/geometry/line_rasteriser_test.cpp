@@ -259,16 +259,21 @@ TEST_P(LineRasteriserOver, bakesTheSameAsRays) {
 // Rays are faster where patches have few triangles: a large scan is rasterised over a base of few patches only.
 TEST(LineRasteriser, rayedWherePatchesHaveFewTriangles) {
   const TriMesh mesh = starMesh(bumps, 24);
-  const BaseMesh base = sphereBase(9.8, 2);
+  BaseMesh base = sphereBase(9.8, 2);
   const size_t a_patch = mesh.triangles.size() / base.patches.size();
-  for (const size_t more : {0, 1}) {
-    auto scene =
-        makeBakeScene(mesh, {.rasterise_from_triangles = 0, .rasterise_from_per_patch = a_patch + more, .workers = 1});
-    ASSERT_TRUE(scene);
-    const RayScene& rays = *scene->rays;
-    auto made = MeshBake::create(mesh, {}, base, {.cells_log2 = 3, .fit = false, .workers = 1}, std::move(*scene));
-    ASSERT_TRUE(made);
-    EXPECT_EQ(rays.builds(), more ? rays.regions() : 0u);
+  ASSERT_GE(a_patch, 32u);
+  // A base that is cut needs sixteen times as many.
+  for (const auto& [cut, enough] : {std::pair{false, a_patch}, {true, a_patch / 16}}) {
+    for (const size_t more : {0, 1}) {
+      base.cut = cut;
+      auto scene =
+          makeBakeScene(mesh, {.rasterise_from_triangles = 0, .rasterise_from_per_patch = enough + more, .workers = 1});
+      ASSERT_TRUE(scene);
+      const RayScene& rays = *scene->rays;
+      auto made = MeshBake::create(mesh, {}, base, {.cells_log2 = 3, .fit = false, .workers = 1}, std::move(*scene));
+      ASSERT_TRUE(made);
+      EXPECT_EQ(rays.builds(), more ? rays.regions() : 0u);
+    }
   }
 }
 
