@@ -11,7 +11,7 @@ namespace {
 // is the parser's concern.
 std::optional<Error> beyondLimits(std::string_view text, const std::string& file, int max_depth) {
   std::vector<size_t> members;  // of each array or object around this place, so far; arrays do not count
-  size_t values = 1;
+  size_t values = 1, comparisons = 0;
   bool in_string = false;
   for (size_t i = 0; i < text.size(); ++i) {
     const char c = text[i];
@@ -32,10 +32,14 @@ std::optional<Error> beyondLimits(std::string_view text, const std::string& file
       if (!members.empty()) members.pop_back();
     } else if (c == ',') {
       ++values;
-    } else if (c == ':' && !members.empty() && ++members.back() > kMaxJsonMembers) {
-      return Error{ErrorKind::kInvalidData, file,
-                   "expected JSON objects of at most " + std::to_string(kMaxJsonMembers) + " members, found more", "",
-                   i};
+    } else if (c == ':' && !members.empty()) {
+      comparisons += members.back();
+      if (++members.back() > kMaxJsonMembers)
+        return Error{ErrorKind::kInvalidData, file,
+                     "expected JSON objects of at most " + std::to_string(kMaxJsonMembers) + " members, found more", "",
+                     i};
+      if (comparisons > kMaxJsonComparisons)
+        return Error{ErrorKind::kInvalidData, file, "too many of its JSON objects have hundreds of members", "", i};
     }
     if (values > kMaxJsonValues)
       return Error{ErrorKind::kInvalidData, file,

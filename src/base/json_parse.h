@@ -12,8 +12,10 @@
 
 namespace relievo {
 
-inline constexpr int kMaxJsonDepth = 64;        // arrays and objects inside one another
-inline constexpr size_t kMaxJsonMembers = 256;  // of one object
+inline constexpr int kMaxJsonDepth = 64;         // arrays and objects inside one another
+inline constexpr size_t kMaxJsonMembers = 4096;  // of one object
+// In all: an object's n-th member is compared with the n - 1 before it.
+inline constexpr size_t kMaxJsonComparisons = size_t{1} << 27;
 inline constexpr size_t kMaxJsonValues = size_t{1}
                                          << 21;  // in all: a value of two bytes of text can take 50 bytes of memory
 

@@ -585,6 +585,12 @@ TEST(ParseJson, WhatIsDeeperOrWiderThanTheLimitsIsRefusedWithItsPlace) {
   };
   EXPECT_TRUE(parseJson(wide(kMaxJsonMembers), "m").ok());
   EXPECT_FALSE(parseJson(wide(kMaxJsonMembers + 1), "m").ok());
+  std::string wides = "[" + wide(kMaxJsonMembers);
+  for (size_t i = 0; i <= 2 * kMaxJsonComparisons / (kMaxJsonMembers * kMaxJsonMembers); ++i)
+    wides += "," + wide(kMaxJsonMembers);
+  const auto too_many = parseJson(wides + "]", "m");
+  ASSERT_FALSE(too_many.ok());
+  EXPECT_EQ(too_many.error().message, "too many of its JSON objects have hundreds of members");
   EXPECT_TRUE(parseJson("[" + wide(kMaxJsonMembers) + "," + wide(kMaxJsonMembers) + "]", "m").ok()) << "of one object";
   auto many = [](size_t values) {
     std::string text = "[0";
