@@ -273,6 +273,7 @@ class DocumentParser {
       GltfMaterial material;
       material.name = p_.text(m, where, "name");
       material.name.resize(std::min<size_t>(material.name.size(), 100));
+      material.normal_map = p_.find(m, "normalTexture") != nullptr;
       const Json* extensions = p_.find(m, "extensions");
       if (const Json* gloss = extensions ? p_.find(*extensions, "KHR_materials_pbrSpecularGlossiness") : nullptr)
         baseColour(*gloss, where + ".extensions.KHR_materials_pbrSpecularGlossiness", "diffuseFactor", "diffuseTexture",

@@ -67,6 +67,7 @@ struct GltfMaterial {
   // KHR_texture_transform: uv -> offset + turned(scale * uv).
   glm::dvec2 uv_offset{0}, uv_scale{1};
   double uv_turn = 0;
+  bool normal_map = false;  // it has one
   std::string name;
 };
 struct GltfPrimitive {

@@ -106,4 +106,8 @@ void paintFaces(RawMesh& mesh) {
   std::vector<glm::u8vec3>().swap(mesh.face_colours);
 }
 
+void noteNormalMaps(RawMesh& mesh, uint64_t materials) {
+  if (materials > 0) mesh.findings.push_back({"maps of normals or bumps", materials, {}, "not used"});
+}
+
 }  // namespace relievo::mesh_file

@@ -25,6 +25,9 @@ uint16_t addImage(RawMesh& mesh, MeshImage image);
 // dropped.
 void useMaterials(RawMesh& mesh, std::span<const MaterialRun> runs, const MeshReadOptions& options);
 
+// Says that so many materials have a map of normals or bumps, which is not used.
+void noteNormalMaps(RawMesh& mesh, uint64_t materials);
+
 // The colours of faces without an image as one more image, a palette, and texture coordinates that name its texels. Of
 // more than kPaletteColumns colours it has several rows.
 void paintFaces(RawMesh& mesh);

@@ -7,6 +7,7 @@
 #include <algorithm>
 #include <cmath>
 #include <map>
+#include <set>
 
 #include "geometry/scan/gltf_buffers.h"
 #include "geometry/scan/gltf_document.h"
@@ -346,6 +347,10 @@ class GltfReader {
     note("primitives of points or lines", no_surfaces_, "not used");
     note("meshes with a skin", skinned_, "read at rest, where their nodes place them");
     note("primitives with morph targets", morphs_, "read without them");
+    std::set<uint32_t> normal_maps;
+    for (const Run& run : runs_)
+      if (run.material != kNoIndex && doc_.materials[run.material].normal_map) normal_maps.insert(run.material);
+    noteNormalMaps(mesh_, normal_maps.size());
   }
 
   const InputFile& file_;

@@ -113,6 +113,7 @@ class ObjReader {
     std::string image;
     bool clamped = false;
     glm::u8vec3 colour = kPlainColour;  // Kd
+    bool normal_map = false;            // or a bump map
   };
   struct Run {
     size_t first = 0;  // triangle
@@ -266,6 +267,8 @@ class ObjReader {
         m.image = imagePath(trimmed(line), clamped);
         m.clamped = clamped;
         if (images_.insert(m.image).second) mesh_.named_files.push_back(m.image);
+      } else if (const std::string map = lowerCase(key); map == "norm" || map == "bump" || map == "map_bump") {
+        materials_[name_of].normal_map = true;
       } else if (lowerCase(key) == "kd") {
         glm::dvec3 c(0);
         if (parseNumber(nextItem(line), c.x) && parseNumber(nextItem(line), c.y) && parseNumber(nextItem(line), c.z) &&
@@ -327,6 +330,10 @@ class ObjReader {
            {},
            "Kd is not used beside colours of vertices"});
     }
+    std::set<std::string> normal_maps;
+    for (const Run& run : runs_)
+      if (materialOf(run).normal_map) normal_maps.insert(*run.material);
+    noteNormalMaps(mesh_, normal_maps.size());
     if (unread_libraries_ > 0)
       mesh_.findings.push_back({"material files that cannot be read (" + unread_library_ + ")",
                                 unread_libraries_,

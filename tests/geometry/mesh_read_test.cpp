@@ -204,6 +204,20 @@ TEST(MeshFormats, ObjWithMaterials) {
   EXPECT_EQ(imagePath(m.mesh), "");
   EXPECT_NE(defects(m.diagnosis).find("none.mtl"), std::string::npos);
 
+  // Maps of normals and bumps, said once for each material that faces use.
+  saveFile("bumps.mtl",
+           "newmtl a\nmap_Bump -bm 1 a.png\nnewmtl b\nnorm b.png\nnewmtl c\nbump c.png\nnewmtl d\nKd 1 0 0\n");
+  const auto mapsOf = [&](const char* faces) {
+    const LoadedMesh obj =
+        mustRead(saveFile("c.obj", std::string("mtllib bumps.mtl\nv 0 0 0\nv 1 0 0\nv 0 1 0\nv 1 1 0\n") + faces));
+    for (const MeshFinding& f : obj.diagnosis.findings)
+      if (f.what == "maps of normals or bumps") return f.count;
+    return uint64_t{0};
+  };
+  EXPECT_EQ(mapsOf("usemtl a\nf 1 2 3\nusemtl d\nf 2 4 3\n"), 1u);
+  EXPECT_EQ(mapsOf("usemtl b\nf 1 2 3\nusemtl c\nf 2 4 3\n"), 2u);
+  EXPECT_EQ(mapsOf("usemtl d\nf 1 2 3\n"), 0u) << "control: of no material that is used";
+
   // Two images, each on its material's triangles.
   saveFile("two.mtl", "newmtl a\nmap_Kd a.png\nnewmtl b\nmap_Kd b.png\nnewmtl red\nKd 1 0 0\n");
   const std::string corners = "mtllib two.mtl\nv 0 0 0\nv 1 0 0\nv 1 1 0\nv 0 1 0\nv 0 2 0\nvt 0 0\n";

@@ -64,6 +64,7 @@ std::string headed(double n, std::string what) {
                                   {"pieces", "piece"},
                                   {"faces", "face"},
                                   {"images", "image"},
+                                  {"maps of", "map of"},
                                   {"files", "file"},
                                   {"header lines", "header line"},
                                   {"corners that name", "corner that names"},
