@@ -26,19 +26,6 @@ namespace {
 using relief_levels::DecodingCoder;
 using relief_levels::EncodingCoder;
 
-// Where the section's arrays begin.
-struct Places {
-  uint64_t corners, quads, errors, blocks, slopes, shapes, depths;
-  Places(uint64_t corner_count, uint64_t patches)
-      : corners(kBaseHeadBytes),
-        quads(corners + kBaseCornerBytes * corner_count),
-        errors(quads + 16 * patches),
-        blocks(errors + sizeof(CoarseErrors) * patches),
-        slopes(blocks + sizeof(CoarseBlocks) * patches),
-        shapes(slopes + kBaseSlopesBytes * patches),
-        depths(shapes + kBaseShapesBytes * patches) {}
-};
-
 // Numbers of which small ones are frequent: how many bits they have, then these.
 struct NumberModels {
   std::array<BitModel, 64> width;
@@ -64,49 +51,56 @@ class BaseCode {
   static constexpr bool kEncodes = std::is_same_v<Coder, EncodingCoder>;
 
  public:
-  // section: read by an encoder, and written by both.
-  BaseCode(Coder& coder, std::span<uint8_t> section, uint32_t corners, uint32_t patches, bool depths, BaseCodeKind kind,
-           bool cut)
+  // section: read by an encoder, and written by both. With all corners and patches, and what patches have, but for
+  // blocks and shapes, which a decoder makes.
+  BaseCode(Coder& coder, BaseSection& section, BaseCodeKind kind, bool cut)
       : coder_(coder),
-        out_(section.data()),
-        corners_(corners),
-        patches_(patches),
-        depths_(depths),
+        section_(section),
+        corner_(section.mesh.corners.data()),
+        patch_(section.mesh.patches.data()),
+        corners_(static_cast<uint32_t>(section.mesh.corners.size())),
+        patches_(static_cast<uint32_t>(section.mesh.patches.size())),
         by_sides_(kind != BaseCodeKind::kByCorners),
         by_border_(kind == BaseCodeKind::kByBorder),
         cut_(cut),
-        at_(corners, patches),
-        quads_(coder, section.data() + at_.quads, corners, patches, kind) {}
+        quads_(coder, section.mesh.patches, corners_, kind) {}
 
   // step: of the lattice of positions; an encoder's. False: damaged.
   bool run(double step) {
-    for (uint64_t i = 8; i < kBaseHeadBytes; ++i) byte(i, [&](uint32_t v) { return coder_.plain(v, 8); });
+    for (int axis = 0; axis < 3; ++axis) plainDouble(section_.mesh.origin_mm[axis]);
+    plainDouble(section_.error_unit_mm);
     if (!quads()) return false;
     positions(step);
     normals();
     if (by_sides_) errorsByTwist();
     else errors();
+    if constexpr (!kEncodes) makeShares();
     blocks();
     slopes();
     shapes();
-    if (depths_)
-      for (uint32_t p = 0; p < patches_; ++p) byte(at_.depths + p, [&](uint32_t v) { return symbol<8>(depth_, v); });
+    for (int8_t& depth : section_.texture_depths)
+      depth = static_cast<int8_t>(symbol<8>(depth_, static_cast<uint8_t>(depth + 1)) - 1);
+    if constexpr (!kEncodes) dropShares();
     return !damaged_;
   }
 
  private:
   // ---- numbers ----
   template <class F>
-  uint32_t byte(uint64_t at, F&& code) {
-    return out_[at] = static_cast<uint8_t>(code(out_[at]));
+  void word(float& at, F&& code) {
+    at = std::bit_cast<float>(static_cast<uint32_t>(code(std::bit_cast<uint32_t>(at))));
   }
-  template <class F>
-  uint32_t word(uint64_t at, F&& code) {
-    const uint32_t v = code(loadLittle<uint32_t>(out_ + at));
-    storeLittle(out_ + at, v);
-    return v;
+  void plainDouble(double& at) {
+    auto bits = std::bit_cast<uint64_t>(at);
+    uint64_t coded = 0;
+    for (int i = 0; i < 64; i += 8) coded |= uint64_t{coder_.plain(static_cast<uint32_t>(bits >> i & 0xFF), 8)} << i;
+    at = std::bit_cast<double>(coded);
   }
-  uint32_t wordAt(uint64_t at) const { return loadLittle<uint32_t>(out_ + at); }
+  // Of what patches have, or all of them alike.
+  template <class T>
+  static T& of(std::vector<T>& kept, uint32_t patch) {
+    return kept[kept.size() == 1 ? 0 : patch];
+  }
   template <int kBits, size_t kSize>
   uint32_t symbol(std::array<BitModel, kSize>& models, uint32_t v) {
     static_assert(kSize == 1 << kBits);
@@ -137,11 +131,7 @@ class BaseCode {
     if (sound) listUses();
     return sound;
   }
-  uint64_t quadAt(uint32_t patch, size_t k) const { return at_.quads + 16 * uint64_t{patch} + 4 * k; }
-  std::array<uint32_t, 4> quadOf(uint32_t p) const {
-    return {wordAt(quadAt(p, 0)), wordAt(quadAt(p, 1)), wordAt(quadAt(p, 2)), wordAt(quadAt(p, 3))};
-  }
-  uint32_t cornerOf(uint32_t use) const { return wordAt(at_.quads + 4 * uint64_t{use}); }
+  uint32_t cornerOf(uint32_t use) const { return patch_[use / 4][use % 4]; }
   void listUses() {
     first_.assign(size_t{corners_} + 1, 0);
     uses_.resize(size_t{4} * patches_);
@@ -167,15 +157,16 @@ class BaseCode {
       if (count[k] > 0) return static_cast<int32_t>(std::clamp<int64_t>(sum[k] / count[k], -kMostSteps, kMostSteps));
     return c > 0 ? values[c - 1] : 0;
   }
-  std::optional<int32_t> onStep(uint64_t at, double step) const {
-    const float v = std::bit_cast<float>(wordAt(at));
+  static std::optional<int32_t> onStep(float v, double step) {
     const double k = std::nearbyint(double{v} / step);
     if (!(std::abs(k) <= kMostSteps)) return std::nullopt;
-    return std::bit_cast<uint32_t>(static_cast<float>(k * step)) == wordAt(at) ? std::optional(static_cast<int32_t>(k))
-                                                                               : std::nullopt;
+    return std::bit_cast<uint32_t>(static_cast<float>(k * step)) == std::bit_cast<uint32_t>(v)
+               ? std::optional(static_cast<int32_t>(k))
+               : std::nullopt;
   }
-  uint64_t cornerAt(uint32_t c, int axis) const {
-    return at_.corners + kBaseCornerBytes * c + 4 * static_cast<uint64_t>(axis);
+  // Of its position along x, y and z, then of its normal.
+  float& cornerAt(uint32_t c, int axis) const {
+    return axis < 3 ? corner_[c].position_mm[axis] : corner_[c].normal[axis - 3];
   }
   bool allOnStep(int first_axis, double step) const {
     if (!(step > 0) || !std::isfinite(step)) return false;
@@ -209,7 +200,7 @@ class BaseCode {
         const int32_t off = clamped(signedNumber(position_[static_cast<size_t>(axis)][expected], k - from));
         off_by[c] = std::max(off_by[c], static_cast<uint8_t>(std::bit_width(static_cast<uint32_t>(std::abs(off)))));
         values[c] = clamped(from + off);
-        storeLittle(out_ + cornerAt(c, axis), static_cast<float>(values[c] * step));
+        cornerAt(c, axis) = static_cast<float>(values[c] * step);
       }
     }
   }
@@ -246,7 +237,7 @@ class BaseCode {
         }
         v = clamped(p + clamped(signedNumber(normal_[i == 3], k - p)));
         left -= static_cast<double>(v) * v;
-        storeLittle(out_ + cornerAt(c, 3 + axis), static_cast<float>(v / kNormalSteps));
+        cornerAt(c, 3 + axis) = static_cast<float>(v / kNormalSteps);
       }
     }
   }
@@ -272,7 +263,7 @@ class BaseCode {
       if (area > 0) sum += n * (double{angleOf(static_cast<float>(area), static_cast<float>(glm::dot(a, b)))} / area);
     };
     for (uint32_t i = first_[c]; i < first_[c + 1]; ++i) {
-      const auto quad = quadOf(uses_[i] / 4);
+      const auto& quad = patch_[uses_[i] / 4];
       const size_t k = uses_[i] % 4, next = kAfter[k], last = kAfter[3 - k];
       const bool on_diagonal = k == 0 || k == 3;
       if (!cut_ || !on_diagonal) {
@@ -308,35 +299,44 @@ class BaseCode {
 
   // ---- bounds ----
   static constexpr int kPlainOrder = 15;
-  // Of words that have one: how many bits are spare.
-  int spareBits(uint64_t at, uint64_t words) const {
+  // Of words that have one: how many bits are spare. words(record): those of a patch, or of all.
+  template <class T, class Words>
+  static int spareBits(const std::vector<T>& kept, Words&& words) {
     int spare = 7;
-    for (uint64_t i = 0; i < words; ++i) {
-      const uint32_t v = wordAt(at + 4 * i);
-      if ((v & 0xFFFF) || v == 0x80000000u) return kPlainOrder;
-      if (v != 0) spare = std::min(spare, std::countr_zero(v) - 16);
+    for (const T& record : kept) {
+      for (const float* word : words(record)) {
+        const auto v = std::bit_cast<uint32_t>(*word);
+        if ((v & 0xFFFF) || v == 0x80000000u) return kPlainOrder;
+        if (v != 0) spare = std::min(spare, std::countr_zero(v) - 16);
+      }
     }
     return spare;
   }
   // Nothing: they were coded plain.
-  std::optional<Order> orderOf(uint64_t at, uint64_t words) {
-    const auto spare = static_cast<int>(coder_.plain(kEncodes ? static_cast<uint32_t>(spareBits(at, words)) : 0, 4));
+  template <class T, class Words>
+  std::optional<Order> orderOf(std::vector<T>& kept, Words&& words) {
+    const auto spare = static_cast<int>(coder_.plain(kEncodes ? static_cast<uint32_t>(spareBits(kept, words)) : 0, 4));
     if (spare <= 7) return Order{spare};
-    plainWords(at, words);
+    for (uint32_t p = 0; p < patches_; ++p)
+      for (float* at : words(of(kept, p))) word(*at, [&](uint32_t v) { return coder_.plain(v, 32); });
     return std::nullopt;
   }
-  void plainWords(uint64_t at, uint64_t words) {
-    for (uint64_t i = 0; i < words; ++i) word(at + 4 * i, [&](uint32_t v) { return coder_.plain(v, 32); });
-  }
   static constexpr size_t kErrors = std::tuple_size_v<CoarseErrors>;
+  std::optional<Order> orderOfErrors() {
+    return orderOf(section_.coarse_errors, [](auto& errors) {
+      std::array<decltype(errors.data()), kErrors> at;
+      for (size_t k = 0; k < kErrors; ++k) at[k] = &errors[k];
+      return at;
+    });
+  }
   void errors() {
-    const auto order = orderOf(at_.errors, kErrors * patches_);
+    const auto order = orderOfErrors();
     if (!order) return;
     for (uint32_t p = 0; p < patches_; ++p) {
       int32_t finer = 0;
       size_t size = 0;  // of the step before
       for (size_t k = kErrors; k-- > 0;) {
-        word(at_.errors + sizeof(CoarseErrors) * p + 4 * k, [&](uint32_t v) {
+        word(of(section_.coarse_errors, p)[k], [&](uint32_t v) {
           const int32_t step = limited(signedNumber(error_[k][size], order->of(v) - finer));
           finer = std::clamp(finer + step, -order->most(), order->most());
           const int bits = static_cast<int>(std::bit_width(static_cast<uint32_t>(std::abs(step)))) + order->spare;
@@ -349,7 +349,7 @@ class BaseCode {
   // A patch without heights is off a grid of 2^k cells by a quarter of its corners' twist, over 4^k, and by what the
   // finest grid itself is off.
   void errorsByTwist() {
-    const auto order = orderOf(at_.errors, kErrors * patches_);
+    const auto order = orderOfErrors();
     if (!order) return;
     size_t last = 0;
     for (uint32_t p = 0; p < patches_; ++p) {
@@ -365,7 +365,7 @@ class BaseCode {
                                                  : own > least ? own + least
                                                                : least),
                       from = near >= kFar && !first ? finer : expected;
-        word(at_.errors + sizeof(CoarseErrors) * p + 4 * k, [&](uint32_t v) {
+        word(of(section_.coarse_errors, p)[k], [&](uint32_t v) {
           const int32_t step = limited(signedNumber(error_by_twist_[k][ends][near], order->of(v) - from));
           finer = std::clamp(from + step, -order->most(), order->most());
           return order->bits(finer);
@@ -386,9 +386,9 @@ class BaseCode {
   double twistOf(uint32_t p) const {
     if (positions_[0].empty() || (by_border_ && cut_)) return 0;
     int64_t squares = 0;
-    for (const auto& of : positions_) {
-      const auto quad = quadOf(p);
-      const int64_t t = int64_t{of[quad[0]]} - of[quad[1]] - of[quad[2]] + of[quad[3]];
+    const auto& quad = patch_[p];
+    for (const auto& along : positions_) {
+      const int64_t t = int64_t{along[quad[0]]} - along[quad[1]] - along[quad[2]] + along[quad[3]];
       squares += t * t;
     }
     return std::sqrt(static_cast<double>(squares)) * (step_ / 4);
@@ -396,12 +396,13 @@ class BaseCode {
 
   // The least and the largest are often of one size, along u and v, too.
   void slopes() {
-    const auto order = orderOf(at_.slopes, 4 * uint64_t{patches_});
+    auto words = [](auto& s) { return std::array{&s.min_u, &s.max_u, &s.min_v, &s.max_v}; };
+    const auto order = orderOf(section_.slopes, words);
     if (!order) return;
     std::array<int32_t, 4> slope{};
     for (uint32_t p = 0; p < patches_; ++p) {
       for (size_t k = 0; k < 4; ++k) {
-        word(at_.slopes + kBaseSlopesBytes * p + 4 * k, [&](uint32_t v) {
+        word(*words(of(section_.slopes, p))[k], [&](uint32_t v) {
           const int32_t from = k == 0 ? slope[0] : k == 2 ? slope[0] : -slope[k - 1];
           slope[k] =
               std::clamp(from + limited(signedNumber(slope_[k], order->of(v) - from)), -order->most(), order->most());
@@ -415,13 +416,41 @@ class BaseCode {
   // Shares in n-ths, rounded up, as bytes.
   static uint32_t shareOf(uint32_t i, uint32_t n) { return (255 * i + n - 1) / n; }
   static uint32_t stepOf(uint32_t byte, uint32_t n) { return byte * n / 255; }
-  bool allShares(uint64_t at, uint64_t bytes, uint32_t n) const {
-    for (uint64_t i = 0; i < bytes; ++i)
-      if (shareOf(stepOf(out_[at + i], n), n) != out_[at + i]) return false;
-    return true;
+  template <class T>
+  static bool allShares(const std::vector<T>& kept, uint32_t n) {
+    return std::all_of(kept.begin(), kept.end(), [&](const T& record) {
+      const auto bytes = bytesOf(record);
+      return std::all_of(bytes.begin(), bytes.end(), [&](uint8_t v) { return shareOf(stepOf(v, n), n) == v; });
+    });
   }
-  void plainBytes(uint64_t at, uint64_t bytes) {
-    for (uint64_t i = 0; i < bytes; ++i) byte(at + i, [&](uint32_t v) { return coder_.plain(v, 8); });
+  template <class T>
+  void plainBytes(std::vector<T>& kept) {
+    for (uint32_t p = 0; p < patches_; ++p)
+      for (uint8_t& v : bytesOf(of(kept, p))) v = static_cast<uint8_t>(coder_.plain(v, 8));
+  }
+  static std::span<uint8_t> bytesOf(CoarseBlocks& blocks) { return blocks; }
+  static std::span<const uint8_t> bytesOf(const CoarseBlocks& blocks) { return blocks; }
+  static std::span<uint8_t> bytesOf(CoarseShapes& shapes) {
+    return {reinterpret_cast<uint8_t*>(shapes.data()), sizeof shapes};
+  }
+  static std::span<const uint8_t> bytesOf(const CoarseShapes& shapes) {
+    return {reinterpret_cast<const uint8_t*>(shapes.data()), sizeof shapes};
+  }
+
+  // Where no patch has an error, blocks and shapes say nothing, but are coded: one patch after the other takes the same
+  // place.
+  void makeShares() {
+    const auto& errors = section_.coarse_errors;
+    any_error_ = std::any_of(errors.begin(), errors.end(), [](const CoarseErrors& e) {
+      return std::any_of(e.begin(), e.end(), [](float v) { return std::bit_cast<uint32_t>(v) != 0; });
+    });
+    section_.coarse_blocks.resize(any_error_ ? patches_ : 1);
+    section_.shapes.resize(section_.coarse_blocks.size());
+  }
+  void dropShares() {
+    if (any_error_) return;
+    section_.coarse_blocks.clear();
+    section_.shapes.clear();
   }
 
   bool sameAll(const uint8_t* from, size_t n) const {
@@ -429,11 +458,10 @@ class BaseCode {
   }
   void blocks() {
     constexpr uint32_t kSteps = 15;
-    if (!flag(kEncodes && allShares(at_.blocks, sizeof(CoarseBlocks) * patches_, kSteps)))
-      return plainBytes(at_.blocks, sizeof(CoarseBlocks) * patches_);
+    if (!flag(kEncodes && allShares(section_.coarse_blocks, kSteps))) return plainBytes(section_.coarse_blocks);
     for (uint32_t p = 0; p < patches_; ++p) {
       for (size_t grid = 0; grid < kBlockedGrids; ++grid) {
-        uint8_t* b = out_ + at_.blocks + sizeof(CoarseBlocks) * p + kFirstCoarseBlock[grid];
+        uint8_t* b = of(section_.coarse_blocks, p).data() + kFirstCoarseBlock[grid];
         const size_t side = size_t{2} << grid;
         const bool same = coder_.bit(same_[grid], sameAll(b, side * side));
         if (same) {
@@ -457,15 +485,14 @@ class BaseCode {
   // What a shape's part depends on: the same part of the shape before, and the part before of the same shape.
   void shapes() {
     constexpr uint32_t kSteps = 7;
-    if (!flag(kEncodes && allShares(at_.shapes, kBaseShapesBytes * patches_, kSteps)))
-      return plainBytes(at_.shapes, kBaseShapesBytes * patches_);
+    if (!flag(kEncodes && allShares(section_.shapes, kSteps))) return plainBytes(section_.shapes);
     auto isUnknown = [](const uint8_t* s) { return std::all_of(s, s + 5, [](uint8_t v) { return v == 255; }); };
     for (uint32_t p = 0; p < patches_; ++p) {
       for (size_t grid = 0; grid < kFirstShapedBlock + kBlockedGrids; ++grid) {
         const bool blocked = grid >= kFirstShapedBlock;
         const size_t first = blocked ? kFirstShapedBlock + kFirstCoarseBlock[grid - kFirstShapedBlock] : grid;
         const size_t side = blocked ? size_t{2} << (grid - kFirstShapedBlock) : 1;
-        uint8_t* s = out_ + at_.shapes + kBaseShapesBytes * p + 5 * first;
+        uint8_t* s = bytesOf(of(section_.shapes, p)).data() + 5 * first;
         bool all_unknown = true;
         if constexpr (kEncodes)
           for (size_t i = 0; i < side * side; ++i) all_unknown = all_unknown && isUnknown(s + 5 * i);
@@ -511,11 +538,12 @@ class BaseCode {
 
   static constexpr int32_t kMostSteps = kMostPositionSteps;
   Coder& coder_;
-  uint8_t* out_;
-  uint32_t corners_, patches_;
-  const bool depths_, by_sides_, by_border_, cut_;
-  bool damaged_ = false;
-  Places at_;
+  BaseSection& section_;
+  BaseCorner* const corner_;
+  const std::array<uint32_t, 4>* const patch_;
+  const uint32_t corners_, patches_;
+  const bool by_sides_, by_border_, cut_;
+  bool damaged_ = false, any_error_ = true;
   QuadCode<Coder> quads_;
   double step_ = 0;
   std::array<std::vector<int32_t>, 3> positions_;  // in steps
@@ -539,33 +567,31 @@ class BaseCode {
 }  // namespace
 }  // namespace base_code
 
-std::vector<uint8_t> encodeBaseCode(std::span<const uint8_t> section, double step_mm, BaseCodeKind kind, bool cut) {
-  const auto corners = loadLittle<uint32_t>(section.data()), patches = loadLittle<uint32_t>(section.data() + 4);
-  const bool depths = section.size() != baseSectionBytes(corners, patches);
-  assert(!depths || section.size() == baseSectionBytes(corners, patches, BaseSectionEnd::kTextureDepths));
-  std::vector<uint8_t> copy(section.begin(), section.end()), out(4);
-  storeLittle(out.data(), corners);
+std::vector<uint8_t> encodeBaseCode(BaseSection section, double step_mm, BaseCodeKind kind, bool cut) {
+  std::vector<uint8_t> out(4);
+  storeLittle(out.data(), static_cast<uint32_t>(section.mesh.corners.size()));
   base_code::EncodingCoder coder{RangeEncoder(out)};
-  const auto code =
-      std::make_unique<base_code::BaseCode<base_code::EncodingCoder>>(coder, copy, corners, patches, depths, kind, cut);
+  const auto code = std::make_unique<base_code::BaseCode<base_code::EncodingCoder>>(coder, section, kind, cut);
   code->run(step_mm);
   coder.rc.finish();
   return out;
 }
 
-Result<std::vector<uint8_t>> decodeBaseCode(std::span<const uint8_t> code, uint32_t patches, BaseSectionEnd end,
-                                            BaseCodeKind kind, bool cut) {
+Result<BaseSection> decodeBaseCode(std::span<const uint8_t> code, uint32_t patches, BaseSectionEnd end,
+                                   BaseCodeKind kind, bool cut) {
   assert(end >= BaseSectionEnd::kShapes);
   if (code.size() < kLeastCodedBaseBytes)
     return damagedBaseMesh("expected at least 8 bytes, found " + std::to_string(code.size()));
   const auto corners = loadLittle<uint32_t>(code.data());
   if (auto wrong = tooManyCorners(corners, patches)) return *wrong;
-  std::vector<uint8_t> section(baseSectionBytes(corners, patches, end));
-  storeLittle(section.data(), corners);
-  storeLittle(section.data() + 4, patches);
+  BaseSection section;
+  section.mesh.corners.resize(corners);
+  section.mesh.patches.resize(patches);
+  section.coarse_errors.resize(patches);
+  section.slopes.resize(patches);
+  if (end == BaseSectionEnd::kTextureDepths) section.texture_depths.resize(patches, -1);
   base_code::DecodingCoder coder{RangeDecoder(code.subspan(4))};
-  const auto decoder = std::make_unique<base_code::BaseCode<base_code::DecodingCoder>>(
-      coder, section, corners, patches, end == BaseSectionEnd::kTextureDepths, kind, cut);
+  const auto decoder = std::make_unique<base_code::BaseCode<base_code::DecodingCoder>>(coder, section, kind, cut);
   if (!decoder->run(0) || !coder.rc.whole()) return damagedBaseMesh("its code is not one of so many patches");
   return section;
 }
@@ -574,8 +600,13 @@ Result<BaseSection> readBaseSection(const PackageHeader& header, std::span<const
   const uint32_t patches = header.domain.patchCount();
   if (!header.compact) return decodeBaseSection(stored, patches);
   const BaseSectionEnd end = header.texture_depths ? BaseSectionEnd::kTextureDepths : BaseSectionEnd::kShapes;
-  auto section = header.coded_base ? decodeBaseCode(stored, patches, end, header.baseCodeKind(), header.cut_patches)
-                                   : unpackBaseSection(stored, patches, end);
+  if (header.coded_base) {
+    auto section = decodeBaseCode(stored, patches, end, header.baseCodeKind(), header.cut_patches);
+    if (!section) return section;
+    if (auto fault = baseSectionFault(*section)) return damagedBaseMesh(fault->message);
+    return section;
+  }
+  auto section = unpackBaseSection(stored, patches, end);
   if (!section) return section.error();
   auto decoded = decodeBaseSection(*section, patches);
   if (decoded) return decoded;

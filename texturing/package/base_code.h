@@ -18,14 +18,14 @@ inline constexpr uint64_t kLeastCodedBaseBytes = 8;
 // Of a section that does not get smaller.
 constexpr uint64_t mostCodedBaseBytes(uint64_t section_bytes) { return 2 * section_bytes + 64; }
 
-// section: one that encodeBaseSection() made, with shapes, or texture depths behind them. step_mm: of the lattice that
-// positions lie on (onLattice(), src/artwork/base_mesh.h), 0: none. Corners off the lattice take 24 bytes.
-std::vector<uint8_t> encodeBaseCode(std::span<const uint8_t> section, double step_mm, BaseCodeKind kind,
-                                    bool cut = false);
+// section: with shapes, at least. step_mm: of the lattice that positions lie on (onLattice(), src/artwork/base_mesh.h),
+// 0: none. Corners off the lattice take 24 bytes.
+std::vector<uint8_t> encodeBaseCode(BaseSection section, double step_mm, BaseCodeKind kind, bool cut = false);
+// As it was coded: baseSectionFault() says whether it is sound. Without blocks and shapes where no patch has an error.
 // Safe for untrusted bytes: allocates no more than the largest section of so many patches has, and lists of their sides
 // of a third of that. The error's file is empty.
-Result<std::vector<uint8_t>> decodeBaseCode(std::span<const uint8_t> code, uint32_t patches, BaseSectionEnd end,
-                                            BaseCodeKind kind, bool cut = false);
+Result<BaseSection> decodeBaseCode(std::span<const uint8_t> code, uint32_t patches, BaseSectionEnd end,
+                                   BaseCodeKind kind, bool cut = false);
 
 // A base mesh's section as the package that the header belongs to has it.
 Result<BaseSection> readBaseSection(const PackageHeader& header, std::span<const uint8_t> stored);

@@ -9,6 +9,7 @@
 #include <bit>
 #include <cstddef>
 #include <cstdint>
+#include <span>
 #include <type_traits>
 #include <vector>
 
@@ -25,21 +26,21 @@ class QuadCode {
   static constexpr bool kEncodes = std::is_same_v<Coder, relief_levels::EncodingCoder>;
 
  public:
-  // quads: 4 u32 a patch, little-endian; read by an encoder, and written by both.
-  QuadCode(Coder& coder, uint8_t* quads, uint32_t corners, uint32_t patches, BaseCodeKind kind)
-      : coder_(coder), quads_(quads), corners_(corners), patches_(patches), kind_(kind) {
+  // quads: read by an encoder, and written by both.
+  QuadCode(Coder& coder, std::span<std::array<uint32_t, 4>> quads, uint32_t corners, BaseCodeKind kind)
+      : coder_(coder), quads_(quads), corners_(corners), kind_(kind) {
     if (kind == BaseCodeKind::kByBorder) by_two_.resize(kPatterns * kPatterns);
   }
 
   // False: damaged.
   bool run() {
-    for (uint32_t p = 0; p < patches_; ++p) {
+    for (std::array<uint32_t, 4>& quad : quads_) {
       size_t reached_by = 0;  // side of the patch's loop
       bool found = false;
-      if (kind_ != BaseCodeKind::kByCorners && !quadAtSide(p, found, reached_by)) return false;
+      if (kind_ != BaseCodeKind::kByCorners && !quadAtSide(quad, found, reached_by)) return false;
       for (size_t k = 0; k < 4 && !found; ++k)
-        if (!anyCorner(quadAt(p, k), k)) return false;
-      if (kind_ != BaseCodeKind::kByCorners) open_.take(quadOf(p), reached_by);
+        if (!anyCorner(quad[k], k)) return false;
+      if (kind_ != BaseCodeKind::kByCorners) open_.take(quad, reached_by);
     }
     return true;
   }
@@ -50,24 +51,19 @@ class QuadCode {
     static_assert(kSize == 1 << kBits);
     return relief_levels::codeSymbol<kBits>(coder_, models, v);
   }
-  uint8_t* quadAt(uint32_t patch, size_t k) const { return quads_ + 16 * uint64_t{patch} + 4 * k; }
-  static uint32_t wordAt(const uint8_t* at) { return loadLittle<uint32_t>(at); }
-  std::array<uint32_t, 4> quadOf(uint32_t p) const {
-    return {wordAt(quadAt(p, 0)), wordAt(quadAt(p, 1)), wordAt(quadAt(p, 2)), wordAt(quadAt(p, 3))};
-  }
   bool byBorder() const { return kind_ == BaseCodeKind::kByBorder; }
 
   // A corner of a patch that is at no side. False: damaged.
-  bool anyCorner(uint8_t* at, size_t k) {
+  bool anyCorner(uint32_t& at, size_t k) {
     if (!byBorder()) return recentCorner(at, k);
-    return coder_.bit(first_new_, kEncodes && wordAt(at) == next_) ? named(at, next_) : plainCorner(at);
+    return coder_.bit(first_new_, kEncodes && at == next_) ? named(at, next_) : plainCorner(at);
   }
 
   // ---- by how long ago they were named ----
   // A corner that comes for the first time is the next one.
   static constexpr uint32_t kRecent = 62;
-  bool recentCorner(uint8_t* at, size_t k) {
-    uint32_t corner = wordAt(at), rank = 0;
+  bool recentCorner(uint32_t& at, size_t k) {
+    uint32_t corner = at, rank = 0;
     if constexpr (kEncodes) {
       const auto found = std::find(recent_.rbegin(), recent_.rend(), corner);
       rank = corner == next_           ? 0
@@ -82,10 +78,10 @@ class QuadCode {
     else corner = recent_[recent_.size() - rank];
     return named(at, corner);
   }
-  bool named(uint8_t* at, uint32_t corner) {
+  bool named(uint32_t& at, uint32_t corner) {
     if (corner >= corners_) return false;
     if (corner == next_) ++next_;
-    storeLittle(at, corner);
+    at = corner;
     if (byBorder()) return true;
     if (const auto found = std::find(recent_.begin(), recent_.end(), corner); found != recent_.end())
       recent_.erase(found);
@@ -97,14 +93,13 @@ class QuadCode {
   // ---- by sides ----
   // A patch at the newest open side, or one of few before it, has two corners of that; those before it are closed. The
   // other two are new, or at the end of another open side, or any. found: it is such a patch. False: damaged.
-  bool quadAtSide(uint32_t p, bool& found, size_t& reached_by) {
+  bool quadAtSide(std::array<uint32_t, 4>& own, bool& found, size_t& reached_by) {
     uint32_t skipped = kNoSide;
     if constexpr (kEncodes) {
-      const auto quad = quadOf(p);
       uint32_t newest = open_.newest();
       for (uint32_t n = 0; n < kNoSide && newest != OpenSides::kNone && skipped == kNoSide; ++n) {
         for (size_t i = 0; i < 4; ++i)
-          if (open_.between(quad[OpenSides::corner(i)], quad[OpenSides::corner(i + 1)]) == newest)
+          if (open_.between(own[OpenSides::corner(i)], own[OpenSides::corner(i + 1)]) == newest)
             reached_by = i, skipped = n;
         newest = open_[newest].older;
       }
@@ -119,25 +114,24 @@ class QuadCode {
     reached_by = sideReachedBy(reached_by);
     const size_t first = OpenSides::corner(reached_by), second = OpenSides::corner(reached_by + 1);
     // Patches that face alike run along their common side in opposite directions.
-    const bool alike = coder_.bit(alike_, kEncodes && wordAt(quadAt(p, first)) == to);
+    const bool alike = coder_.bit(alike_, kEncodes && own[first] == to);
     std::array<uint32_t, 4> quad{OpenSides::kNone, OpenSides::kNone, OpenSides::kNone, OpenSides::kNone};
     quad[first] = alike ? to : from;
     quad[second] = alike ? from : to;
     size_t so_far = reached_by;
     for (size_t k = 0; k < 4; ++k) {
       if (k == first || k == second) {
-        if (!named(quadAt(p, k), quad[k])) return false;
+        if (!named(own[k], quad[k])) return false;
         continue;
       }
       const uint32_t beside = quad[k == OpenSides::corner(reached_by + 2) ? second : first];
       const uint32_t expected = open_.beyond(beside, quad);
       Which which = Which::kExpected;
-      if (!(byBorder() ? cornerByBorder(quadAt(p, k), expected, so_far, which)
-                       : cornerBeside(quadAt(p, k), k, expected)))
+      if (!(byBorder() ? cornerByBorder(own[k], expected, so_far, which) : cornerBeside(own[k], k, expected)))
         return false;
       const auto decided_so = static_cast<size_t>(which);
       so_far = so_far < kSides ? kSides + kWhich * so_far + decided_so : kWhich * (so_far - kSides) + decided_so;
-      quad[k] = wordAt(quadAt(p, k));
+      quad[k] = own[k];
     }
     decided(1 + so_far);
     return true;
@@ -154,9 +148,9 @@ class QuadCode {
     }
     return last_reached_by_ = symbol<2>(reached_by_[last_reached_by_], static_cast<uint32_t>(side));
   }
-  bool cornerBeside(uint8_t* at, size_t k, uint32_t expected) {
+  bool cornerBeside(uint32_t& at, size_t k, uint32_t expected) {
     const bool known = expected != OpenSides::kNone;
-    const uint32_t own = wordAt(at);
+    const uint32_t own = at;
     if (!known || !coder_.bit(expected_[last_expected_], kEncodes && own == expected)) {
       last_expected_ = known ? 0 : last_expected_;
       const bool is_new = coder_.bit(new_[known], kEncodes && own == next_);
@@ -190,22 +184,22 @@ class QuadCode {
     last_ = pattern;
   }
   // known: of the patch, less than kKnown.
-  bool cornerByBorder(uint8_t* at, uint32_t expected, size_t known, Which& which) {
+  bool cornerByBorder(uint32_t& at, uint32_t expected, size_t known, Which& which) {
     const bool expects = expected != OpenSides::kNone;
     const size_t first = kFirstOfCorners + 3 * known;
-    if (expects && bit(first, kEncodes && wordAt(at) == expected)) return which = Which::kExpected, named(at, expected);
-    if (bit(first + 1 + expects, kEncodes && wordAt(at) == next_)) return which = Which::kNew, named(at, next_);
+    if (expects && bit(first, kEncodes && at == expected)) return which = Which::kExpected, named(at, expected);
+    if (bit(first + 1 + expects, kEncodes && at == next_)) return which = Which::kNew, named(at, next_);
     which = Which::kOther;
     return cornerOfBorder(at);
   }
   // Other parts of the border are met along them: mostly the next side is met after the one that was met last.
-  bool cornerOfBorder(uint8_t* at) {
+  bool cornerOfBorder(uint32_t& at) {
     constexpr uint32_t kNotNear = 15;
     met_ = open_.openFrom(met_);
     uint32_t near = kNotNear;
     if constexpr (kEncodes) {
       for (near = 0; near < kNotNear; ++near)
-        if (const uint32_t side = sideNear(near); side != OpenSides::kNone && open_[side].from == wordAt(at)) break;
+        if (const uint32_t side = sideNear(near); side != OpenSides::kNone && open_[side].from == at) break;
     }
     near = symbol<4>(near_, near);
     if (near == kNotNear) return plainCorner(at);
@@ -219,15 +213,15 @@ class QuadCode {
       side = n % 2 ? open_[side].newer : open_[side].older;
     return side;
   }
-  bool plainCorner(uint8_t* at) {
-    const uint32_t corner = coder_.plain(wordAt(at), static_cast<int>(std::bit_width(corners_)));
+  bool plainCorner(uint32_t& at) {
+    const uint32_t corner = coder_.plain(at, static_cast<int>(std::bit_width(corners_)));
     if (const uint32_t side = open_.beginningAt(corner); side != OpenSides::kNone) met_ = side;
     return named(at, corner);
   }
 
   Coder& coder_;
-  uint8_t* quads_;
-  const uint32_t corners_, patches_;
+  const std::span<std::array<uint32_t, 4>> quads_;
+  const uint32_t corners_;
   const BaseCodeKind kind_;
   OpenSides open_;
   uint32_t next_ = 0;

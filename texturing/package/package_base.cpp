@@ -39,6 +39,41 @@ std::optional<Error> tooManyCorners(uint64_t corners, uint32_t patches) {
   return damagedBaseMesh("expected at most four corners a patch, found " + std::to_string(corners));
 }
 
+std::optional<BaseSectionFault> baseSectionFault(const BaseSection& section) {
+  const uint64_t corners = section.mesh.corners.size(), patches = section.mesh.patches.size();
+  if (!std::isfinite(section.error_unit_mm) || section.error_unit_mm < 0)
+    return BaseSectionFault{"the unit of errors is not a number of mm", 32};
+  if (std::string problem = baseMeshProblem(section.mesh); !problem.empty())
+    return BaseSectionFault{problem, kBaseHeadBytes};
+  uint64_t at = kBaseHeadBytes + kBaseCornerBytes * corners + 16 * patches;
+  for (size_t i = 0; i < section.coarse_errors.size(); ++i) {
+    const CoarseErrors& errors = section.coarse_errors[i];
+    for (size_t k = 0; k < errors.size(); ++k) {
+      if (!std::isfinite(errors[k]) || errors[k] < 0 || (k > 0 && errors[k] > errors[k - 1]))
+        return BaseSectionFault{
+            "the errors of patch " + std::to_string(i) + " are not bounds that fall from level to level",
+            at + i * sizeof(CoarseErrors)};
+    }
+  }
+  at = kBaseHeadBytes + kBaseCornerBytes * corners + kBasePatchBytes * patches;
+  for (size_t i = 0; i < section.slopes.size(); ++i) {
+    const HeightSlopes& s = section.slopes[i];
+    if (!std::isfinite(s.min_u) || !std::isfinite(s.max_u) || !std::isfinite(s.min_v) || !std::isfinite(s.max_v) ||
+        s.min_u > s.max_u || s.min_v > s.max_v)
+      return BaseSectionFault{"the slopes of patch " + std::to_string(i) + " are not ranges of numbers",
+                              at + i * kBaseSlopesBytes};
+  }
+  at = baseSectionBytes(corners, patches);
+  for (size_t i = 0; i < section.texture_depths.size(); ++i) {
+    const auto levels = static_cast<uint8_t>(section.texture_depths[i] + 1);
+    if (levels > kMaxNodeLevel + 1)
+      return BaseSectionFault{"expected at most " + std::to_string(kMaxNodeLevel + 1) + " texture levels of patch " +
+                                  std::to_string(i) + ", found " + std::to_string(levels),
+                              at + i};
+  }
+  return std::nullopt;
+}
+
 std::vector<uint8_t> encodeBaseSection(const BaseSection& section) {
   const BaseMesh& mesh = section.mesh;
   std::vector<uint8_t> out(baseSectionBytes(mesh.corners.size(), mesh.patches.size(),
@@ -61,14 +96,23 @@ std::vector<uint8_t> encodeBaseSection(const BaseSection& section) {
   }
   for (const auto& patch : mesh.patches)
     for (uint32_t corner : patch) put(corner);
-  for (const CoarseErrors& errors : section.coarse_errors)
+  auto forEachPatch = [&](const auto& kept, auto&& use) {
+    const size_t times = kept.size() == 1 ? mesh.patches.size() : 1;
+    for (size_t i = 0; i < times; ++i)
+      for (const auto& of_patch : kept) use(of_patch);
+  };
+  forEachPatch(section.coarse_errors, [&](const CoarseErrors& errors) {
     for (float e : errors) put(e);
-  for (const CoarseBlocks& blocks : section.coarse_blocks)
+  });
+  forEachPatch(section.coarse_blocks, [&](const CoarseBlocks& blocks) {
     for (uint8_t share : blocks) put(share);
-  for (const HeightSlopes& s : section.slopes)
+  });
+  forEachPatch(section.slopes, [&](const HeightSlopes& s) {
     for (float f : {s.min_u, s.max_u, s.min_v, s.max_v}) put(f);
-  for (const CoarseShapes& shapes : section.shapes)
+  });
+  forEachPatch(section.shapes, [&](const CoarseShapes& shapes) {
     for (const DeviationShape& s : shapes) put(s);
+  });
   for (int8_t depth : section.texture_depths) put(static_cast<uint8_t>(depth + 1));
   return out;
 }
@@ -91,9 +135,6 @@ Result<BaseSection> decodeBaseSection(std::span<const uint8_t> bytes, uint32_t p
   const bool has_shapes = has_depths || bytes.size() == baseSectionBytes(corner_count, patch_count);
   const bool has_slopes =
       has_shapes || bytes.size() == baseSectionBytes(corner_count, patch_count, BaseSectionEnd::kSlopes);
-  const uint64_t behind_slopes =
-      patch_count * ((has_shapes ? kBaseShapesBytes : 0) + (has_depths ? kBaseTextureDepthBytes : 0));
-  const uint64_t behind_blocks = behind_slopes + (has_slopes ? patch_count * kBaseSlopesBytes : 0);
   if (const uint64_t expected = baseSectionBytes(corner_count, patch_count, BaseSectionEnd::kBlocks);
       expected != bytes.size() && !has_slopes) {
     return invalid(0, std::to_string(corner_count) + " corners and " + std::to_string(patch_count) + " patches take " +
@@ -105,8 +146,6 @@ Result<BaseSection> decodeBaseSection(std::span<const uint8_t> bytes, uint32_t p
   BaseSection out;
   for (int k = 0; k < 3; ++k) take(out.mesh.origin_mm[k]);
   take(out.error_unit_mm);
-  if (!std::isfinite(out.error_unit_mm) || out.error_unit_mm < 0)
-    return invalid(32, "the unit of errors is not a number of mm");
   out.mesh.corners.resize(corner_count);
   for (BaseCorner& c : out.mesh.corners) {
     for (int k = 0; k < 3; ++k) take(c.position_mm[k]);
@@ -115,18 +154,9 @@ Result<BaseSection> decodeBaseSection(std::span<const uint8_t> bytes, uint32_t p
   out.mesh.patches.resize(patch_count);
   for (auto& patch : out.mesh.patches)
     for (uint32_t& corner : patch) take(corner);
-  if (std::string problem = baseMeshProblem(out.mesh); !problem.empty()) return invalid(kBaseHeadBytes, problem);
   out.coarse_errors.resize(patch_count);
-  for (size_t i = 0; i < out.coarse_errors.size(); ++i) {
-    CoarseErrors& errors = out.coarse_errors[i];
+  for (CoarseErrors& errors : out.coarse_errors)
     for (float& e : errors) take(e);
-    for (size_t k = 0; k < errors.size(); ++k) {
-      if (!std::isfinite(errors[k]) || errors[k] < 0 || (k > 0 && errors[k] > errors[k - 1]))
-        return invalid(bytes.size() - behind_blocks - out.coarse_errors.size() * sizeof(CoarseBlocks) -
-                           (out.coarse_errors.size() - i) * sizeof(CoarseErrors),
-                       "the errors of patch " + std::to_string(i) + " are not bounds that fall from level to level");
-    }
-  }
   // Where no grid has an error there is nothing to say of its parts.
   const bool any_error = std::any_of(out.coarse_errors.begin(), out.coarse_errors.end(),
                                      [](const CoarseErrors& errors) { return errors[0] > 0; });
@@ -134,32 +164,20 @@ Result<BaseSection> decodeBaseSection(std::span<const uint8_t> bytes, uint32_t p
   else p += patch_count * sizeof(CoarseBlocks);
   for (CoarseBlocks& blocks : out.coarse_blocks)
     for (uint8_t& share : blocks) take(share);
-  if (!has_slopes) return out;
-  out.slopes.resize(patch_count);
-  for (size_t i = 0; i < out.slopes.size(); ++i) {
-    HeightSlopes& s = out.slopes[i];
+  if (has_slopes) out.slopes.resize(patch_count);
+  for (HeightSlopes& s : out.slopes)
     for (float* f : {&s.min_u, &s.max_u, &s.min_v, &s.max_v}) take(*f);
-    if (!std::isfinite(s.min_u) || !std::isfinite(s.max_u) || !std::isfinite(s.min_v) || !std::isfinite(s.max_v) ||
-        s.min_u > s.max_u || s.min_v > s.max_v)
-      return invalid(bytes.size() - behind_slopes - (out.slopes.size() - i) * kBaseSlopesBytes,
-                     "the slopes of patch " + std::to_string(i) + " are not ranges of numbers");
-  }
-  if (!has_shapes) return out;
-  if (any_error) out.shapes.resize(patch_count);
-  else p += patch_count * sizeof(CoarseShapes);
+  if (has_shapes && any_error) out.shapes.resize(patch_count);
+  else if (has_shapes) p += patch_count * sizeof(CoarseShapes);
   for (CoarseShapes& shapes : out.shapes)
     for (DeviationShape& s : shapes) take(s);
-  if (!has_depths) return out;
-  out.texture_depths.resize(patch_count);
-  for (size_t i = 0; i < out.texture_depths.size(); ++i) {
+  if (has_depths) out.texture_depths.resize(patch_count);
+  for (int8_t& depth : out.texture_depths) {
     uint8_t levels = 0;
     take(levels);
-    if (levels > kMaxNodeLevel + 1)
-      return invalid(bytes.size() - (out.texture_depths.size() - i) * kBaseTextureDepthBytes,
-                     "expected at most " + std::to_string(kMaxNodeLevel + 1) + " texture levels of patch " +
-                         std::to_string(i) + ", found " + std::to_string(levels));
-    out.texture_depths[i] = static_cast<int8_t>(levels - 1);
+    depth = static_cast<int8_t>(levels - 1);
   }
+  if (auto fault = baseSectionFault(out)) return invalid(fault->offset, fault->message);
   return out;
 }
 

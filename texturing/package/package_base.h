@@ -14,6 +14,7 @@
 
 namespace relievo {
 
+// What is to be written may have one of each kind that holds for all patches; what was read has those of each patch.
 struct BaseSection {
   BaseMesh mesh;
   std::vector<CoarseErrors> coarse_errors;  // a patch
@@ -48,6 +49,13 @@ constexpr uint64_t mostPackedBaseBytes(uint64_t section_bytes) {
 Error damagedBaseMesh(const std::string& message, uint64_t offset = 0);
 // Of packed and coded sections: more corners than patches can name? Checked before anything is allocated.
 std::optional<Error> tooManyCorners(uint64_t corners, uint32_t patches);
+
+// What is wrong with what a section says, at its first byte that says so; nothing: it is sound.
+struct BaseSectionFault {
+  std::string message;
+  uint64_t offset;
+};
+std::optional<BaseSectionFault> baseSectionFault(const BaseSection& section);
 
 std::vector<uint8_t> encodeBaseSection(const BaseSection& section);
 // Safe for untrusted bytes: counts are compared with the length before anything is allocated. patches: how many there

@@ -60,13 +60,16 @@ struct Context {
   // begins.
   std::vector<int8_t> own_depth;
   std::vector<uint64_t> levels_at, strips_at;
-  // Of each patch, written by whoever works on it.
+  // Of each patch, written by whoever works on it; of even patches (PatchSource::patchesAreEven()) once for all.
+  bool even_patches = false;
+  std::array<uint16_t, kTailHeights> even_tail;  // their tails' heights
   std::vector<CoarseErrors> coarse_errors;
   std::vector<CoarseBlocks> coarse_blocks;
   std::vector<CoarseShapes> coarse_shapes;
   std::vector<HeightSlopes> slopes;
   std::vector<std::array<uint64_t, 4>> side_hash;  // of the heights along a side, from the corner of the lower index on
   std::vector<std::array<uint16_t, 4>> corner_height;
+  // Of each patch.
   std::vector<uint8_t> corner_texels;  // by patch, level, corner and channel
   std::vector<uint8_t> even;  // 1: the level's channel is its corner's texel everywhere, and not kept otherwise
   TextureDepths texture_depths;

@@ -450,7 +450,7 @@ struct CodedCorners {
 
 }  // namespace
 
-std::vector<uint8_t> encodePatchImages(const PatchImages& all, const BaseMesh& base, bool by_base) {
+std::vector<uint8_t> encodePatchImages(PatchImages all, const BaseMesh& base, bool by_base) {
   std::vector<uint8_t> raw;
   auto put = [&](auto v) {
     raw.resize(raw.size() + sizeof v);
@@ -467,13 +467,12 @@ std::vector<uint8_t> encodePatchImages(const PatchImages& all, const BaseMesh& b
     for (const ImageTile& tile : image.tiles) put(tile.size);
   for (const StoredImage& image : all.images)
     for (const ImageTile& tile : image.tiles) put(tile.hash);
-  std::vector<PatchImage> patches = all.of_patch;
-  for (const PatchImage& patch : patches) put(patch.in_tail ? kInTail : static_cast<uint8_t>(patch.depth + 1));
-  for (const PatchImage& patch : patches)
+  for (const PatchImage& patch : all.of_patch) put(patch.in_tail ? kInTail : static_cast<uint8_t>(patch.depth + 1));
+  for (const PatchImage& patch : all.of_patch)
     if (patch.shows())
       for (const uint16_t image : patch.image) put(image);
   CodedCorners corners;
-  CornerPredictor(base, all.images.size(), by_base).run(patches, corners);
+  CornerPredictor(base, all.images.size(), by_base).run(all.of_patch, corners);
   raw.insert(raw.end(), corners.by_plane.begin(), corners.by_plane.end());
   for (const auto& of_axis : corners.places)
     for (int byte = 0; byte < 4; ++byte)

@@ -102,7 +102,7 @@ struct PatchImages {
 // What no patch shows of the image becomes what lies around it.
 void fillImage(const SourceImage& image, size_t number, std::span<const PatchImage> patches, std::span<uint8_t> rgb);
 // by_base: as KindsOfImages; with colours of corners it is set.
-std::vector<uint8_t> encodePatchImages(const PatchImages& images, const BaseMesh& base, bool by_base);
+std::vector<uint8_t> encodePatchImages(PatchImages images, const BaseMesh& base, bool by_base);
 // What there may be: JPEGs from version 15 on, patches whose tails alone show images from version 16 on. From version
 // 17 on normals are predicted by those of the base mesh, or by its halves' planes. In version 18 halves may have
 // colours of corners.

@@ -25,6 +25,7 @@
 #include <memory>
 #include <nlohmann/json.hpp>
 
+#include "src/base/worker_threads.h"
 #include "texturing/package/base_code.h"
 #include "texturing/package/build_reporter.h"
 #include "texturing/package/package_base.h"
@@ -91,12 +92,15 @@ Result<std::string> manifestOf(const PackageHeader& h, const PatchSource& source
 // The tails of patches first .. first + count, as a chunk's bytes.
 Result<std::vector<uint8_t>> tailsChunk(const Context& c, const BuildOptions& options, uint32_t first, uint32_t count) {
   PatchTails tails(count, c.store.channels);
-  std::vector<uint8_t> bytes(count * c.tailBytes()), neutral(tails.patchTexels());
+  std::vector<uint8_t> bytes(c.tailBytes()), neutral(tails.patchTexels());
   neutralTail(c.header.texture, neutral);
-  if (auto read = c.tails->read(first * c.tailBytes(), bytes.data(), bytes.size()); !read) return read.error();
   for (uint32_t i = 0; i < count; ++i) {
-    const uint8_t* of_patch = bytes.data() + i * c.tailBytes();
-    std::memcpy(tails.heightsOf(i).data(), of_patch, 2 * kTailHeights);
+    const uint8_t* of_patch = bytes.data();
+    if (!c.even_patches || !c.tailIsMade(first + i))
+      if (auto read = c.tails->read((first + i) * c.tailBytes(), bytes.data(), bytes.size()); !read)
+        return read.error();
+    if (c.even_patches) std::copy(c.even_tail.begin(), c.even_tail.end(), tails.heightsOf(i).begin());
+    else std::memcpy(tails.heightsOf(i).data(), of_patch, 2 * kTailHeights);
     if (c.tailIsMade(first + i)) std::copy(neutral.begin(), neutral.end(), tails.texelsOf(i).begin());
     else std::copy_n(of_patch + 2 * kTailHeights, tails.patchTexels(), tails.texelsOf(i).begin());
   }
@@ -124,6 +128,7 @@ Result<void> writeTails(const Context& c, const BuildOptions& options, int worke
 
 // Samples on shared sides and corners are the same from all sides, or the surface has a crack.
 Result<void> checkBorders(const Context& c) {
+  if (c.even_patches) return {};
   const BaseMesh& base = c.source.base();
   auto differ = [](uint32_t a, uint32_t b, const std::string& where) {
     return Error{ErrorKind::kInvalidData,
@@ -153,12 +158,14 @@ Result<void> checkBorders(const Context& c) {
 void makeRoom(Context& context, const BuildOptions& options) {
   const PatchDomain& d = context.header.domain;
   const uint32_t patches = d.patchCount();
-  context.coarse_errors.resize(patches);
-  context.slopes.resize(patches);
-  context.coarse_blocks.resize(patches);
-  context.coarse_shapes.resize(patches);
-  context.side_hash.resize(patches);
-  context.corner_height.resize(patches);
+  context.even_patches = context.source.patchesAreEven();
+  const size_t described = context.even_patches ? 1 : patches;
+  context.coarse_errors.resize(described);
+  context.slopes.resize(described);
+  context.coarse_blocks.resize(described);
+  context.coarse_shapes.resize(described);
+  context.side_hash.resize(described);
+  context.corner_height.resize(described);
   context.corner_texels.resize(context.cornerPlace(patches, kTail, 0));
   context.even.resize(context.levelPlace(patches, kTail));
   context.texture_depths.resize(patches);
@@ -198,9 +205,14 @@ Result<void> takeImages(Context& context, PackageHeader& h, const BuildOptions& 
   return {};
 }
 
-// The images' tiles and the directory of them, for the writer.
-Result<void> writeImages(const Context& context, const BuildOptions& options, int workers, PackageWriter& writer) {
-  if (context.image_of_patch.empty()) return {};
+// The images' tiles and the directory of them, for the writer. Without patches that show images empty.
+struct EncodedImages {
+  std::vector<std::vector<uint8_t>> tiles;
+  std::vector<uint8_t> directory;
+  bool jpegs = false;
+};
+Result<EncodedImages> encodeImages(const Context& context, const BuildOptions& options, int workers) {
+  if (context.image_of_patch.empty()) return EncodedImages{};
   std::vector<SourceImage> images = context.source.images();
   for (size_t i = 0; i < images.size(); ++i)
     if (images[i].fill) images[i].rgb = context.filled_images[i];
@@ -255,9 +267,9 @@ Result<void> writeImages(const Context& context, const BuildOptions& options, in
       s.tiles.push_back({static_cast<uint32_t>(kept[i].size()), encodedHash(kept[i])});
     begin = end;
   }
-  auto directory = encodePatchImages(stored, context.source.base(), context.header.base_parity);
-  writer.setImages(std::move(kept), std::move(directory), stored.anyJpeg());
-  return {};
+  const bool jpegs = stored.anyJpeg();
+  auto directory = encodePatchImages(std::move(stored), context.source.base(), context.header.base_parity);
+  return EncodedImages{std::move(kept), std::move(directory), jpegs};
 }
 
 // A worker's share: texels and a coarser level twice, or a level with and without border; heights, errors, and its
@@ -319,6 +331,22 @@ int mostStoredDepth(const PatchSource& source, const PackageHeader& header, cons
   int depth = 0;
   for (uint32_t p = 0; p < header.domain.patchCount(); ++p) depth = std::max(depth, source.textureDepthOf(p));
   return depth;
+}
+
+// The base mesh's section as the package has it.
+std::vector<uint8_t> storedBase(Context& context, const PatchSource& source) {
+  const PackageHeader& header = context.header;
+  BaseSection section{source.base(),
+                      std::move(context.coarse_errors),
+                      std::move(context.coarse_blocks),
+                      std::move(context.slopes),
+                      std::move(context.coarse_shapes),
+                      source.errorUnitMm(),
+                      std::move(context.texture_depths)};
+  if (header.coded_base)
+    return encodeBaseCode(std::move(section), source.baseStepMm(), header.baseCodeKind(), header.cut_patches);
+  const std::vector<uint8_t> bytes = encodeBaseSection(section);
+  return header.compact ? packBaseSection(bytes, kBaseZstdLevel) : bytes;
 }
 
 // Each of these patches once, by workers of this kind, so many of them a part.
@@ -406,12 +434,12 @@ Result<BuildReport> buildPatchPackage(const PatchSource& source, const BuildOpti
       header.coded_texels && options.coded_index && header.page_count - without_bytes <= options.most_coded_pages;
   header.light_patches = header.light_patches && header.coded_index;
   reporter.expect(header.page_count, patches * patch_texels);
+  // Beside the base mesh, the pages and the tails, which need one thread for long.
+  BackgroundTask<Result<EncodedImages>> images(
+      "relievo-images", [&] { return encodeImages(context, options, force.workers); },
+      force.workers > 1 && !context.image_of_patch.empty());
 
-  std::vector<uint8_t> base = encodeBaseSection(
-      {source.base(), std::move(context.coarse_errors), std::move(context.coarse_blocks), std::move(context.slopes),
-       std::move(context.coarse_shapes), source.errorUnitMm(), std::move(context.texture_depths)});
-  if (header.coded_base) base = encodeBaseCode(base, source.baseStepMm(), header.baseCodeKind(), header.cut_patches);
-  else if (header.compact) base = packBaseSection(base, kBaseZstdLevel);
+  std::vector<uint8_t> base = storedBase(context, source);
   const auto manifest = manifestOf(header, source, options);
   if (!manifest) return manifest.error();
   if (auto placed = placeSections(header, *manifest, base); !placed) return placed.error();
@@ -421,7 +449,9 @@ Result<BuildReport> buildPatchPackage(const PatchSource& source, const BuildOpti
 
   if (auto done = writePages(context, options, force.workers, **writer, reporter); !done) return done.error();
   if (auto written = writeTails(context, options, force.workers, **writer); !written) return written.error();
-  if (auto written = writeImages(context, options, force.workers, **writer); !written) return written.error();
+  Result<EncodedImages>& encoded = images.get();
+  if (!encoded) return encoded.error();
+  (*writer)->setImages(std::move(encoded->tiles), std::move(encoded->directory), encoded->jpegs);
   auto file_bytes = (*writer)->finish(options.interrupted);
   if (!file_bytes) return file_bytes.error();
   reporter.reportEnd();

@@ -9,7 +9,6 @@
 #include <bit>
 #include <cmath>
 #include <cstdint>
-#include <optional>
 #include <span>
 #include <string>
 #include <utility>
@@ -48,11 +47,11 @@ inline DeviationShape roundedShape(const DeviationShape& s) {
 
 class PatchRelief {
  public:
-  explicit PatchRelief(Context& context) : c_(context), even_(context.source.patchesAreEven()) {}
+  explicit PatchRelief(Context& context) : c_(context) {}
 
   // Its heights, and what nodes know of those below.
   Result<void> read(uint32_t patch) {
-    if (even_ && !ranges_.empty()) return {};  // as those of the patch before
+    if (isEven() && !ranges_.empty()) return {};  // as those of the patch before
     const int depth = c_.header.domain.relief_depth;
     const size_t side = sideSamples();
     heights_.resize(side * side);
@@ -70,17 +69,18 @@ class PatchRelief {
   }
   // What the base mesh's section says of it, into the context.
   Result<void> describe(uint32_t patch) {
-    if (even_ && described_) {
-      describeAs(*described_, patch);
-      return {};
-    }
+    if (isEven() && patch > 0) return {};
     if (auto known = read(patch); !known) return known;
-    described_ = patch;
+    if (isEven()) {
+      std::array<uint16_t, kReliefPageSamples> page;
+      page.fill(heights_[0]);
+      tailHeights(page, c_.even_tail);
+    }
     noteBorder(patch, sideSamples() - 1);
     noteSlopes(patch, sideSamples() - 1);
     return describeCoarse(patch);
   }
-  bool isEven() const { return even_; }
+  bool isEven() const { return c_.even_patches; }
   size_t sideSamples() const { return (size_t{kPagePx} << c_.header.domain.relief_depth) + 1; }
   std::span<const uint16_t> heights() const { return heights_; }
   const NodeRange& range(int level, uint32_t x, uint32_t y) const {
@@ -88,15 +88,6 @@ class PatchRelief {
   }
 
  private:
-  void describeAs(uint32_t other, uint32_t patch) {
-    c_.corner_height[patch] = c_.corner_height[other];
-    c_.side_hash[patch] = c_.side_hash[other];
-    c_.slopes[patch] = c_.slopes[other];
-    c_.coarse_errors[patch] = c_.coarse_errors[other];
-    c_.coarse_blocks[patch] = c_.coarse_blocks[other];
-    c_.coarse_shapes[patch] = c_.coarse_shapes[other];
-  }
-
   Result<void> describeCoarse(uint32_t patch) {
     auto coarse = c_.source.coarseErrors(patch);
     if (!coarse) return coarse.error();
@@ -280,8 +271,6 @@ class PatchRelief {
   }
 
   Context& c_;
-  const bool even_;                    // PatchSource::patchesAreEven()
-  std::optional<uint32_t> described_;  // of even patches the first, as which all others are
   std::vector<uint16_t> heights_;
   std::vector<float> error_mm_;
   std::vector<DeviationShape> shapes_;
@@ -317,8 +306,8 @@ class ReliefWriter {
             const uint16_t* row = relief_.heights().data() + (y * kPagePx + j) * step * side + x * kPagePx * step;
             for (size_t i = 0; i < kReliefSamples; ++i) samples_[j * kReliefSamples + i] = row[i * step];
           }
-          if (level == 0) {
-            if (!again) tailHeights(samples_, tail_);
+          if (level == 0 && !c_.even_patches) {
+            tailHeights(samples_, tail_);
             if (auto kept = c_.tails->write(patch * c_.tailBytes(), tail_.data(), sizeof tail_); !kept) return kept;
           }
           if (!again) {
