@@ -402,6 +402,7 @@ Result<Fidelity> MeshBuild::measureBake(const MeshBake& bake, double tolerance, 
 
 Result<Fidelity> MeshBuild::measureRound() {
   at_few_places_ = false;
+  if (bake_->isFlat()) return measureBake(*bake_);
   // Where probes of the heights miss what was aimed at, few places are hardly enough.
   if (!many_places_ && a_.patches == 0 && bake_->report().limit == BakeLimit::kNone) {
     auto few = measureBake(*bake_, 0, Places::kFew);
@@ -683,6 +684,7 @@ Result<bool> MeshBuild::nextBase(const Fidelity& now, const BakeReport& baked, b
 }
 
 Result<bool> MeshBuild::chooseStep() {
+  if (bake_->isFlat()) return true;
   const int kTries = base_kind_ == BaseKind::kEven ? 4 : 3;  // bases that lie close to the scan have few heights
   double set = 0;
   auto change = [&](double step) -> Result<double> {

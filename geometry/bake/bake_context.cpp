@@ -46,45 +46,66 @@ std::array<glm::dvec3, 3> BakeContext::cornersOfHalf(uint32_t patch, size_t half
   return {cornerPoint(c[0]).position, cornerPoint(c[half ? 2 : 1]).position, cornerPoint(c[3]).position};
 }
 
-double BakeContext::areaOf(uint32_t patch, size_t half) const {
+Line BakeContext::lineOnHalf(uint32_t patch, size_t half, const std::array<double, 3>& weights) const {
   const std::array<glm::dvec3, 3> corners = cornersOfHalf(patch, half);
-  return glm::length(glm::cross(corners[2] - corners[0], corners[1] - corners[0]));
+  const glm::dvec3 across = glm::cross(corners[2] - corners[0], corners[1] - corners[0]),
+                   at = (weights[0] * corners[0] + weights[1] * corners[1] + weights[2] * corners[2]) /
+                        (weights[0] + weights[1] + weights[2]);
+  const double area = glm::length(across);
+  // Where sheets touch, the one that faces as the patch does.
+  return {at, area > 0 ? (half ? -1.0 : 1.0) / area * across : glm::dvec3(0), touch_mm, touch_mm};
 }
 
-uint32_t BakeContext::ownTriangle(uint32_t patch, size_t half) const {
-  const std::array<glm::dvec3, 3> corners = cornersOfHalf(patch, half);
-  const glm::dvec3 across = glm::cross(corners[2] - corners[0], corners[1] - corners[0]);
-  const double area = glm::length(across);
-  if (!(area > 0)) return SurfacePoint::kNone;
-  // Where sheets touch, the one that faces as the patch does. What lies on a place of the half lies within a rounding
-  // of its triangle; where others overlap with that, they seldom do everywhere.
-  constexpr std::array<std::array<double, 3>, 7> kPlaces{
-      {{1, 1, 1}, {4, 1, 1}, {1, 4, 1}, {1, 1, 4}, {20, 1, 1}, {1, 20, 1}, {1, 1, 20}}};
+bool BakeContext::holds(const SurfacePoint& found, uint32_t patch, size_t half) const {
+  if (!found) return false;
+  const TriangleCorners t = cornersOf(*mesh, found.triangle);
+  const auto corners = cornersOfHalf(patch, half);
+  return std::all_of(corners.begin(), corners.end(),
+                     [&](const glm::dvec3& corner) { return closestOnTriangle(t, corner).distance <= touch_mm; });
+}
+
+// What lies on a place of the half lies within a rounding of its triangle; where others overlap with that, they seldom
+// do everywhere.
+uint32_t BakeContext::ownTriangleBesideMiddle(uint32_t patch, size_t half) const {
+  constexpr std::array<std::array<double, 3>, 6> kPlaces{
+      {{4, 1, 1}, {1, 4, 1}, {1, 1, 4}, {20, 1, 1}, {1, 20, 1}, {1, 1, 20}}};
   for (const auto& weights : kPlaces) {
-    const glm::dvec3 at = (weights[0] * corners[0] + weights[1] * corners[1] + weights[2] * corners[2]) /
-                          (weights[0] + weights[1] + weights[2]);
-    const SurfacePoint found =
-        scene->nearestOnLine({at, (half ? -1.0 : 1.0) / area * across, touch_mm, touch_mm}, Facing::kAlong);
-    if (!found) continue;
-    const TriangleCorners t = cornersOf(*mesh, found.triangle);
-    const bool holds = std::all_of(corners.begin(), corners.end(), [&](const glm::dvec3& corner) {
-      return closestOnTriangle(t, corner).distance <= touch_mm;
-    });
-    if (holds) return found.triangle;
+    const SurfacePoint found = scene->nearestOnLine(lineOnHalf(patch, half, weights), Facing::kAlong);
+    if (holds(found, patch, half)) return found.triangle;
   }
   return SurfacePoint::kNone;
 }
 
 bool BakeContext::findOwnTriangles() {
+  constexpr size_t kPatchesAJob = 16;
+  constexpr std::array<double, 3> kMiddle{1, 1, 1};
   std::vector<std::array<uint32_t, 2>> own(layout.patches);
-  const bool done = parallelFor(layout.patches, workers, interrupted, [&](size_t patch) {
-    for (size_t half = 0; half < 2; ++half) own[patch][half] = ownTriangle(static_cast<uint32_t>(patch), half);
-    // Of a triangle that is a patch alone, one half has no area.
-    for (size_t half = 0; half < 2; ++half)
-      if (own[patch][half] == SurfacePoint::kNone && !(areaOf(static_cast<uint32_t>(patch), half) > 0))
-        own[patch][half] = own[patch][1 - half];
+  const size_t jobs = (layout.patches + kPatchesAJob - 1) / kPatchesAJob;
+  std::vector<uint8_t> all(jobs, 1);
+  const bool done = parallelFor(jobs, workers, interrupted, [&](size_t job) {
+    const auto first = static_cast<uint32_t>(job * kPatchesAJob),
+               end = static_cast<uint32_t>(std::min((job + 1) * kPatchesAJob, layout.patches));
+    std::vector<Line> lines;
+    for (uint32_t patch = first; patch < end; ++patch)
+      for (size_t half = 0; half < 2; ++half) lines.push_back(lineOnHalf(patch, half, kMiddle));
+    std::vector<SurfacePoint> hits(lines.size());
+    scene->nearestOnLines(lines, Facing::kAlong, hits);
+    for (uint32_t patch = first; patch < end; ++patch) {
+      auto hasArea = [&](size_t half) { return lines[2 * (patch - first) + half].direction != glm::dvec3(0); };
+      for (size_t half = 0; half < 2; ++half) {
+        const SurfacePoint& found = hits[2 * (patch - first) + half];
+        own[patch][half] = !hasArea(half)              ? SurfacePoint::kNone
+                           : holds(found, patch, half) ? found.triangle
+                                                       : ownTriangleBesideMiddle(patch, half);
+      }
+      // Of a triangle that is a patch alone, one half has no area.
+      for (size_t half = 0; half < 2; ++half)
+        if (own[patch][half] == SurfacePoint::kNone && !hasArea(half)) own[patch][half] = own[patch][1 - half];
+      all[job] &= own[patch][0] != SurfacePoint::kNone && own[patch][1] != SurfacePoint::kNone;
+    }
   });
   own_triangles = std::move(own);
+  all_own = done && std::find(all.begin(), all.end(), 0) == all.end();
   return done;
 }
 

@@ -140,6 +140,7 @@ struct BakeContext {
   // Of patches that lie on the scan and are cut, by patch: the triangles that their halves lie on, to the right of the
   // diagonal and to its left; kNone where there are no such. Empty: not looked for.
   std::vector<std::array<uint32_t, 2>> own_triangles;
+  bool all_own = false;  // there are such everywhere
 
   BakeContext(const TriMesh& scan, const BaseMesh& over_scan);
 
@@ -195,9 +196,13 @@ struct BakeContext {
     double radius = 0;
   };
   void findHits(LineBatch& batch) const;
-  double areaOf(uint32_t patch, size_t half) const;  // twice a half's
-  // The triangle that a half of a patch lies on.
-  uint32_t ownTriangle(uint32_t patch, size_t half) const;
+  // Through the place of a half that lies at these weights between its corners. Of a half without area a line that
+  // meets nothing.
+  Line lineOnHalf(uint32_t patch, size_t half, const std::array<double, 3>& weights) const;
+  // Does a half of a patch lie on that triangle?
+  bool holds(const SurfacePoint& found, uint32_t patch, size_t half) const;
+  // The triangle that a half of a patch lies on, which is not the one in its middle.
+  uint32_t ownTriangleBesideMiddle(uint32_t patch, size_t half) const;
   // The closest point of the scan instead of a hit that is far from it, if `touching` allows it there: next to a sharp
   // edge a line may pass between the triangles' rounded coordinates, or just beside the edge, and meet another part of
   // the scan.

@@ -21,6 +21,10 @@ BakedHeights::BakedHeights(std::span<const float> heights, int log2) : cells_log
     samples[i] = static_cast<uint16_t>(std::clamp(std::floor((heights[i] - offset_mm) * per_mm + 0.5), 0.0, 65535.0));
 }
 
+bool BakedHeights::allAlike() const {
+  return std::adjacent_find(samples.begin(), samples.end(), std::not_equal_to<>()) == samples.end();
+}
+
 namespace {
 
 // A grid of 2^log2 cells from a coarser one, by the lattice's rule.

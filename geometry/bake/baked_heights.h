@@ -23,6 +23,7 @@ struct BakedHeights {
   BakedHeights() = default;
   // heights: not empty.
   BakedHeights(std::span<const float> heights, int cells_log2);
+  bool allAlike() const;
   int reliefDepth() const { return std::max(cells_log2 - kPageCellsLog2, 0); }
   // The samples of one patch, (2^cells_log2 + 1)^2.
   void gather(const BakeContext& context, uint32_t patch, std::span<uint16_t> out) const;

@@ -32,7 +32,9 @@ class HeightSearch {
     const int min_log2 = automatic() ? minCellsLog2() : options_.cells_log2;
     if (count(min_log2) > static_cast<double>(kMaxSamples))
       return Error{ErrorKind::kUsage, "", "more than 2^32 relief samples: ask for fewer patches or fewer cells", ""};
-    auto done = automatic() ? searchFromCoarse(min_log2) : bakeRequested(min_log2);
+    auto done = !automatic()       ? bakeRequested(min_log2)
+                : context_.all_own ? useNoHeights(min_log2)
+                                   : searchFromCoarse(min_log2);
     if (!done) return done.error();
     if (report_.deviation_mm <= tolerance_mm_) report_.limit = BakeLimit::kNone;
     else if (report_.limit == BakeLimit::kNone) report_.limit = BakeLimit::kCells;
@@ -83,6 +85,18 @@ class HeightSearch {
     const size_t n = size_t{1} << log2;
     store(l.subsampled<float>(traced_.heights, size_t{1} << traced_.cells_log2, n), log2, false);
     report_.samples = usedCorners() + l.count(n - 1) - l.corners;
+    return {};
+  }
+  // All that the base shows lies on the scan: any line there would find that.
+  Result<void> useNoHeights(int log2) {
+    const SampleLayout& l = context_.layout;
+    const size_t n = size_t{1} << log2;
+    baked_ = BakedHeights(std::vector<float>(l.count(n - 1), 0), log2);
+    report_.cells_log2 = log2;
+    report_.samples = usedCorners() + l.count(n - 1) - l.corners;
+    report_.by_closest_point = 0;
+    report_.fitted = false;
+    report_.deviation_mm = 0;
     return {};
   }
   // Bakes heights that are fitted to the traced ones, at 2^min_log2 to 2^log2 cells for each patch.

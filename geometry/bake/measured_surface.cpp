@@ -23,6 +23,11 @@ MeasuredSurface::MeasuredSurface(const MeshBake& baked, double tolerance_mm, Blo
   constexpr double kLeftOut = 0.05, kTakenOff = 0.25;
   blocks_.resize(baked.base().patches.size());
   triangles_.resize(blocks_.size());
+  if (baked.isFlat()) {
+    blocks_.assign(blocks_.size(), {{0, 1, 0, 0}});
+    triangles_.assign(blocks_.size(), 2);
+    return;
+  }
   struct Scratch {
     std::vector<SurfaceGrid> grids;  // by cells_log2
     GridErrorScratch errors;

@@ -79,7 +79,9 @@ struct MeshBake::Impl {
   std::vector<uint16_t> exact;  // as they were baked, where those of `baked` are not
   BakeTexture texture;
   BakeReport report;
-  std::vector<PatchErrors> errors;  // for each patch
+  bool flat = false;                // MeshBake::isFlat()
+  std::vector<PatchErrors> errors;  // for each patch, or one for all
+  const PatchErrors& errorsOf(uint32_t patch) const { return errors[errors.size() == 1 ? 0 : patch]; }
   double error_unit_mm = 0;
   bool always_errors = true;
 
@@ -133,9 +135,9 @@ BakeTexture textureOf(const TriMesh& mesh, std::span<const MeshBake::Image> imag
 }
 
 // The errors of each patch's grids (gridErrors()). What grids leave out between samples is left out here, too, where it
-// is a small share of the tolerance. Empty: the bake was interrupted.
-std::vector<PatchErrors> errorsOfPatches(const BakeContext& context, const BakedHeights& baked, double tolerance_mm,
-                                         const std::function<void(double)>& progress) {
+// is a small share of the tolerance. Of the first `patches` ones. Empty: the bake was interrupted.
+std::vector<PatchErrors> errorsOfPatches(const BakeContext& context, const BakedHeights& baked, size_t patches,
+                                         double tolerance_mm, const std::function<void(double)>& progress) {
   // Of the tolerance, and of the shapes, which packages round to sevenths. Packages keep no shape of errors up to half
   // the RMS that is aimed at (PatchSource::slightErrorMm()).
   constexpr double kNegligible = 1.0 / 16, kNegligibleTurn = 1.0 / 16, kSlight = 0.15;
@@ -143,7 +145,6 @@ std::vector<PatchErrors> errorsOfPatches(const BakeContext& context, const Baked
     std::vector<SurfaceGrid> grids;  // by cells_log2
     GridErrorScratch errors;
   };
-  const size_t patches = context.base.patches.size();
   std::vector<PatchErrors> errors(patches);
   const bool done = parallelForWith(
       patches, context.workers, context.interrupted, [&] { return Scratch{}; },
@@ -186,7 +187,7 @@ double errorUnit(const std::vector<PatchErrors>& errors, double relief_scale_mm)
 }  // namespace
 
 bool MeshBake::Impl::findErrors(const std::function<void(double)>& progress) {
-  errors = errorsOfPatches(context, baked, report.tolerance_mm, progress);
+  errors = errorsOfPatches(context, baked, flat ? 1 : context.base.patches.size(), report.tolerance_mm, progress);
   if (errors.empty()) return false;
   error_unit_mm = errorUnit(errors, baked.scale_mm);
   return true;
@@ -237,11 +238,10 @@ int MeshBake::reliefDepth() const { return impl_->baked.reliefDepth(); }
 double MeshBake::reliefOffsetMm() const { return impl_->baked.offset_mm; }
 double MeshBake::reliefScaleMm() const { return impl_->baked.scale_mm; }
 double MeshBake::errorUnitMm() const { return impl_->error_unit_mm; }
+bool MeshBake::isFlat() const { return impl_->flat; }
 bool MeshBake::isEven() const {
-  const std::vector<uint16_t>& samples = impl_->baked.samples;
-  return std::adjacent_find(samples.begin(), samples.end(), std::not_equal_to<>()) == samples.end() &&
-         std::all_of(impl_->errors.begin(), impl_->errors.end(),
-                     [](const PatchErrors& e) { return e.largest(0) == 0; });
+  return impl_->baked.allAlike() && std::all_of(impl_->errors.begin(), impl_->errors.end(),
+                                                [](const PatchErrors& e) { return e.largest(0) == 0; });
 }
 
 Result<std::unique_ptr<MeshBake>> MeshBake::create(const TriMesh& mesh, std::span<const Image> images,
@@ -280,6 +280,7 @@ Result<std::unique_ptr<MeshBake>> MeshBake::create(const TriMesh& mesh, std::spa
   auto baked = searchHeights(impl->context, options, impl->report);
   if (!baked) return baked.error();
   impl->baked = std::move(*baked);
+  impl->flat = base.cut && impl->baked.allAlike() && impl->baked.offset_mm == 0;
   if (!chooseTextureResolution(impl->context, {options.texture_depth, options.tail_textures, options.show_images},
                                impl->texture))
     return interruptedError();
@@ -330,9 +331,9 @@ Result<void> MeshBake::heights(uint32_t patch, std::span<uint16_t> out) const {
 }
 
 GridErrors MeshBake::errorsOfGrid(uint32_t patch, int cells_log2) const {
-  return impl_->errors[patch].grid(cells_log2);
+  return impl_->errorsOf(patch).grid(cells_log2);
 }
-float MeshBake::errorOfGrid(uint32_t patch, int cells_log2) const { return impl_->errors[patch].largest(cells_log2); }
+float MeshBake::errorOfGrid(uint32_t patch, int cells_log2) const { return impl_->errorsOf(patch).largest(cells_log2); }
 
 Result<void> MeshBake::texels(uint32_t patch, std::span<uint8_t> out) const {
   const Impl& b = *impl_;

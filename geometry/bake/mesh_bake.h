@@ -179,6 +179,8 @@ class MeshBake {
   // For BakeOptions::errors = false; setStep() forgets what was found. The error: kInterrupted.
   Result<void> findErrors();
   double errorUnitMm() const;
+  // It has no heights over a base that is cut: each half of a patch is one plane.
+  bool isFlat() const;
   // Its surface is its base: all heights are the same, and no grid has an error.
   bool isEven() const;
   // 6 channels: R, G, B, then the normal's x, y, z as round(127.5 (n + 1)). With planes: the image's channels, filtered

@@ -425,13 +425,30 @@ bool isUnreduced(const ReducedScan& g, const TriMesh& mesh) {
   return g.triangles.triangles.size() >= mesh.triangles.size();
 }
 
+void beginSerialPhase(BaseDomainOptions& options) {
+  if (const auto begin = std::exchange(options.on_serial_phase, nullptr)) begin();
+}
+
+// The scan in normalised coordinates, checked.
+struct NormalisedScan {
+  Surface surface;
+  Frame frame;
+};
+Result<NormalisedScan> normalisedScan(const TriMesh& mesh, const BaseDomainOptions& options, size_t target_triangles) {
+  NormalisedScan out;
+  auto surface = normalisedSurface(mesh, options, target_triangles, out.frame);
+  if (!surface) return surface.error();
+  if (auto sound = checkAreas(*surface, out.frame, options.mm_per_unit); !sound) return sound.error();
+  out.surface = std::move(*surface);
+  return out;
+}
+
 // Reduces the scan to about target_triangles, but so that each corner of `patches` patches owns several of them.
-Result<ReducedScan> reduceScan(const TriMesh& mesh, const BaseDomainOptions& options, size_t target_triangles,
-                               size_t patches, const ViewDirection* known) {
+Result<ReducedScan> reduceScan(const TriMesh& mesh, NormalisedScan normalised, BaseDomainOptions& options,
+                               size_t target_triangles, size_t patches, const ViewDirection* known) {
   ReducedScan out;
-  auto scan = normalisedSurface(mesh, options, target_triangles, out.frame);
-  if (!scan) return scan.error();
-  if (auto sound = checkAreas(*scan, out.frame, options.mm_per_unit); !sound) return sound.error();
+  out.frame = normalised.frame;
+  Surface* scan = &normalised.surface;
   while (scan->triangles.size() < std::max<size_t>(4000, 8 * patches)) *scan = subdivided(*scan);
   if (isSet(options.interrupted)) return interruptedError();
   report(options, 0.4);
@@ -442,7 +459,7 @@ Result<ReducedScan> reduceScan(const TriMesh& mesh, const BaseDomainOptions& opt
     out.view_direction = viewDirectionOf(mesh.positions_mm, mesh.triangles, options.workers, options.interrupted);
   }
   if (isSet(options.interrupted)) return interruptedError();
-  if (!known && options.on_serial_phase) options.on_serial_phase();
+  beginSerialPhase(options);
   out.borders = bordersOf(*scan);
   out.reduced = reduceSurface(std::move(*scan), target_triangles, borderCorners(out.borders), options.interrupted);
   if (isSet(options.interrupted)) return interruptedError();
@@ -506,7 +523,8 @@ std::vector<uint32_t> looksOf(const TriMesh& mesh) {
 
 struct BaseDomain::Impl {
   const TriMesh& mesh;
-  BaseDomainOptions options;
+  BaseDomainOptions options;           // without on_serial_phase once it was called
+  std::optional<NormalisedScan> scan;  // until it is reduced, or seems not to be needed
   std::unique_ptr<ReducedScan> reduced_scan;
   std::optional<BaseMeshBuilder> builder;
   std::vector<float> weight;        // for each vertex of the reduced surface
@@ -522,8 +540,18 @@ struct BaseDomain::Impl {
     roundNormals(base);
     return completed(std::move(base), mesh.origin_mm);
   }
+  // Of a base's patch there are then about 24 triangles.
+  size_t firstTarget() const { return std::max<size_t>(kReducedTriangles, 3 * size_t{options.patches}); }
+  // What all bases but faces() are made from.
+  Result<void> prepareOnce() { return builder ? Result<void>() : prepare(firstTarget(), options.patches, nullptr); }
   Result<void> prepare(size_t target_triangles, uint32_t patches, const ViewDirection* known) {
-    auto made = reduceScan(mesh, options, target_triangles, patches, known);
+    if (!scan) {
+      auto normalised = normalisedScan(mesh, options, target_triangles);
+      if (!normalised) return normalised.error();
+      scan = std::move(*normalised);
+    }
+    auto made = reduceScan(mesh, std::move(*scan), options, target_triangles, patches, known);
+    scan.reset();
     if (!made) return made.error();
     auto next = std::make_unique<ReducedScan>(std::move(*made));
     auto made_builder = builderOf(*next, mesh.positions_mm.size(), std::max(patches, std::end(kPatchCounts)[-1]),
@@ -569,14 +597,15 @@ Result<std::unique_ptr<BaseDomain>> BaseDomain::create(const TriMesh& mesh, cons
     return Error{ErrorKind::kUsage, {}, "more than 2^20 patches are asked for", "ask for fewer", {}};
   report(options, 0);
   auto impl = std::unique_ptr<Impl>(new Impl{.mesh = mesh, .options = options});
-  // A base's patch then has about 24 triangles.
-  const size_t target_triangles = std::max<size_t>(kReducedTriangles, 3 * size_t{options.patches});
-  if (auto done = impl->prepare(target_triangles, options.patches, nullptr); !done) return done.error();
+  auto scan = normalisedScan(mesh, options, impl->firstTarget());
+  if (!scan) return scan.error();
+  impl->scan = std::move(*scan);
   return std::unique_ptr<BaseDomain>(new BaseDomain(std::move(impl)));
 }
 
 Result<BaseMesh> BaseDomain::make() {
   Impl& d = *impl_;
+  if (auto done = d.prepareOnce(); !done) return done.error();
   d.weight.clear();
   d.series = CandidateSeries(d.options.patches);
   auto best = d.series.next(*d.builder, d.options, d.weight);
@@ -707,19 +736,22 @@ Result<BaseMesh> BaseDomain::refine(std::span<const RefineRequest> requests, uin
   return d.finish(std::move(*candidate));
 }
 
-Result<BaseMesh> BaseDomain::faces(uint32_t max_patches) const {
-  const Impl& d = *impl_;
+Result<BaseMesh> BaseDomain::faces(uint32_t max_patches) {
+  Impl& d = *impl_;
   const Error too_many{ErrorKind::kUsage, {}, "the scan has too many triangles to be patches", "allow for more", {}};
   if (d.mesh.triangles.size() > 2 * size_t{max_patches}) return too_many;
+  d.scan.reset();
+  beginSerialPhase(d.options);
   auto surface = makeSurface(d.mesh.positions_mm, d.mesh.triangles);
   if (!surface) return surface.error();
-  BaseMesh base = facesBase(*surface, max_patches, FaceNormals::kMean, looksOf(d.mesh));
+  BaseMesh base = facesBase(*surface, max_patches, FaceNormals::kMean, looksOf(d.mesh), d.options.workers);
   if (base.patches.empty()) return too_many;
   return completed(std::move(base), d.mesh.origin_mm);
 }
 
 Result<BaseMesh> BaseDomain::simplifiedFaces(std::span<const RefineRequest> requests, uint32_t max_patches) {
   Impl& d = *impl_;
+  if (auto done = d.prepareOnce(); !done) return done.error();
   constexpr size_t kOfPatch = 6;  // at least so many, three times as many as a patch has in the end
   const size_t target = std::max(std::min(24 * size_t{max_patches}, kMaxReducedTriangles), kOfPatch * max_patches);
   if (!isUnreduced(*d.reduced_scan, d.mesh) && target > d.reduced_scan->triangles.triangles.size()) {
@@ -756,7 +788,7 @@ Result<BaseMesh> BaseDomain::simplifiedFaces(std::span<const RefineRequest> requ
     }
     auto surface = makeSurface(points, triangles);
     if (!surface) return surface.error();
-    BaseMesh base = facesBase(*surface, max_patches);
+    BaseMesh base = facesBase(*surface, max_patches, FaceNormals::kFaced, {}, d.options.workers);
     if (base.patches.empty()) continue;
     for (BaseCorner& c : base.corners)
       c.position_mm =

@@ -51,6 +51,7 @@ struct RefineRequest {
 // give the same meshes, bit for bit.
 class BaseDomain {
  public:
+  // Checks the scan.
   static Result<std::unique_ptr<BaseDomain>> create(const TriMesh& mesh, const BaseDomainOptions& options = {});
   ~BaseDomain();
   // The first base mesh. Errors: as makeBaseMesh().
@@ -68,7 +69,7 @@ class BaseDomain {
   uint32_t patchesToRefine(std::span<const RefineRequest> requests) const;
   // The scan's own triangles as patches (base_faces.h): at most max_patches, or an error (kUsage) if that is too few.
   // It changes nothing of what make() and refine() return.
-  Result<BaseMesh> faces(uint32_t max_patches) const;
+  Result<BaseMesh> faces(uint32_t max_patches);
   // The same of a scan that was simplified to so few triangles, with its sharp edges, for scans that faces() refuses.
   // From the second call on there are smaller patches at its requests and at those of the calls before, and larger ones
   // elsewhere; those of the first call are not used, since they are of another base.

@@ -10,6 +10,7 @@
 #include <vector>
 
 #include "geometry/remesh/triangle_pairs.h"
+#include "src/base/parallel_for.h"
 
 namespace relievo {
 
@@ -21,12 +22,18 @@ double angleBetween(const glm::dvec3& a, const glm::dvec3& b) {
 
 class FacePairs {
  public:
-  FacePairs(const Surface& surface, std::span<const uint32_t> look_of)
-      : s_(surface), look_of_(look_of), normal_(surface.triangles.size()), mate_(surface.triangles.size(), kNoIndex) {
-    for (uint32_t t = 0; t < normal_.size(); ++t) {
+  FacePairs(const Surface& surface, std::span<const uint32_t> look_of, int workers)
+      : s_(surface),
+        look_of_(look_of),
+        workers_(workers),
+        normal_(surface.triangles.size()),
+        convex_(surface.twin.size(), 0),
+        mate_(surface.triangles.size(), kNoIndex) {
+    forEach(normal_.size(), [&](uint32_t t) {
       const glm::dvec3 p = at(t, 0);
       normal_[t] = unit(glm::cross(at(t, 1) - p, at(t, 2) - p));
-    }
+    });
+    findQuads();
   }
 
   // Pairs all triangles but for some at borders. Those of two triangles that may be one patch come first: they fold by
@@ -43,7 +50,7 @@ class FacePairs {
       for (uint32_t h = 0; h < s_.twin.size(); ++h) {
         const bool open = s_.twin[h] == kNoIndex;
         may_stay_alone[h / 3] |= all && open;
-        const bool may = !open && (all || (fold_[h] >= 0 && isConvex(h, s_.twin[h])));
+        const bool may = !open && (all || (fold_[h] >= 0 && convex_[h]));
         neighbours[h / 3][h % 3] = may ? s_.twin[h] / 3 : kNoIndex;
       }
       pairMoreTriangles(neighbours, may_stay_alone, mate_);
@@ -63,7 +70,9 @@ class FacePairs {
   BaseMesh base(FaceNormals kind) const {
     BaseMesh base;
     base.cut = true;
+    base.corners.reserve(s_.points.size());
     for (const glm::vec3& p : s_.points) base.corners.push_back({p, {}});
+    base.patches.reserve(mate_.size() / 2);
     std::vector<uint32_t> middle(s_.twin.size(), kNoIndex);
     std::vector<uint32_t> normals_of;  // for each corner from the points on: the half edge whose middle it is
     for (uint32_t t = 0; t < mate_.size(); ++t) {
@@ -106,14 +115,35 @@ class FacePairs {
   }
 
   bool looksAlike(uint32_t t, uint32_t u) const { return look_of_.empty() || look_of_[t] == look_of_[u]; }
+  // Two triangles that may be a patch, at the first of their two half edges.
+  struct Quad {
+    double fold, off_square;  // the angle that they fold by, and by how much the farthest corner is off a right angle
+    uint32_t halfedge;
+  };
+  void findQuads() {
+    for (uint32_t h = 0; h < s_.twin.size(); ++h)
+      if (const uint32_t g = s_.twin[h];
+          g != kNoIndex && g > h && looksAlike(h / 3, g / 3) && corner(h, 2) != corner(g, 2))
+        quads_.push_back({0, 0, h});
+    forEach(quads_.size(), [&](uint32_t i) {
+      Quad& quad = quads_[i];
+      const uint32_t h = quad.halfedge, g = s_.twin[h];
+      quad.fold = angleBetween(normal_[h / 3], normal_[g / 3]);
+      quad.off_square = offSquare(h, g);
+      convex_[h] = convex_[g] = isConvex(h, g);
+    });
+  }
   void chooseQuads(double max_fold) {
     fold_.assign(s_.twin.size(), -1.0);
-    for (uint32_t h = 0; h < s_.twin.size(); ++h) {
-      const uint32_t g = s_.twin[h];
-      if (g == kNoIndex || g < h || !looksAlike(h / 3, g / 3)) continue;
-      const double fold = angleBetween(normal_[h / 3], normal_[g / 3]);
-      if (fold <= max_fold && corner(h, 2) != corner(g, 2)) fold_[h] = fold_[g] = fold;
-    }
+    for (const Quad& quad : quads_)
+      if (quad.fold <= max_fold) fold_[quad.halfedge] = fold_[s_.twin[quad.halfedge]] = quad.fold;
+  }
+  template <class Use>
+  void forEach(size_t count, Use&& use) const {
+    constexpr size_t kAJob = 4096;
+    parallelFor((count + kAJob - 1) / kAJob, workers_, nullptr, [&](size_t job) {
+      for (size_t i = job * kAJob; i < std::min(count, (job + 1) * kAJob); ++i) use(static_cast<uint32_t>(i));
+    });
   }
   // Do the two triangles at a side form a quad with angles of at most 180 degrees, but for rounding?
   bool isConvex(uint32_t h, uint32_t g) const {
@@ -123,28 +153,26 @@ class FacePairs {
     return angleBetween(c - a, b - a) + angleBetween(d - a, b - a) <= kMostAngle &&
            angleBetween(c - b, a - b) + angleBetween(d - b, a - b) <= kMostAngle;
   }
+  double offSquare(uint32_t h, uint32_t g) const {
+    const glm::dvec3 p[4] = {s_.points[corner(h, 0)], s_.points[corner(g, 2)], s_.points[corner(h, 1)],
+                             s_.points[corner(h, 2)]};
+    double worst = 0;
+    for (int k = 0; k < 4; ++k)
+      worst = std::max(worst, std::abs(angleBetween(p[(k + 1) % 4] - p[k], p[(k + 3) % 4] - p[k]) - 90 * kDegree));
+    return worst;
+  }
   // Of equally flat ones, those whose quads are the squarest.
   void pairFlattestFirst(bool convex) {
     constexpr double kFlat = 0.01 * kDegree;
-    struct Pair {
-      double fold, angle;
-      uint32_t halfedge;
-    };
-    std::vector<Pair> pairs;
-    for (uint32_t h = 0; h < fold_.size(); ++h) {
-      if (fold_[h] < 0 || s_.twin[h] < h || (convex && !isConvex(h, s_.twin[h]))) continue;
-      const uint32_t g = s_.twin[h];
-      const glm::dvec3 p[4] = {s_.points[corner(h, 0)], s_.points[corner(g, 2)], s_.points[corner(h, 1)],
-                               s_.points[corner(h, 2)]};
-      double worst = 0;
-      for (int k = 0; k < 4; ++k)
-        worst = std::max(worst, std::abs(angleBetween(p[(k + 1) % 4] - p[k], p[(k + 3) % 4] - p[k]) - 90 * kDegree));
-      pairs.push_back({std::max(fold_[h], kFlat), worst, h});
-    }
-    std::sort(pairs.begin(), pairs.end(), [](const Pair& x, const Pair& y) {
-      return std::tie(x.fold, x.angle, x.halfedge) < std::tie(y.fold, y.angle, y.halfedge);
+    std::vector<Quad> chosen;
+    chosen.reserve(quads_.size());
+    for (const Quad& quad : quads_)
+      if (fold_[quad.halfedge] >= 0 && (!convex || convex_[quad.halfedge]))
+        chosen.push_back({std::max(quad.fold, kFlat), quad.off_square, quad.halfedge});
+    std::sort(chosen.begin(), chosen.end(), [](const Quad& x, const Quad& y) {
+      return std::tie(x.fold, x.off_square, x.halfedge) < std::tie(y.fold, y.off_square, y.halfedge);
     });
-    for (const Pair& c : pairs) {
+    for (const Quad& c : chosen) {
       const uint32_t t = c.halfedge / 3, u = s_.twin[c.halfedge] / 3;
       if (mate_[t] != kNoIndex || mate_[u] != kNoIndex) continue;
       mate_[t] = u;
@@ -194,12 +222,12 @@ class FacePairs {
     std::vector<uint32_t> next(first.begin(), first.end() - 1);
     for (uint32_t t = 0; t < s_.triangles.size(); ++t)
       for (uint32_t v : s_.triangles[t]) around[next[v]++] = t;
-    for (uint32_t v = 0; v < s_.points.size(); ++v) {
+    forEach(s_.points.size(), [&](uint32_t v) {
       const std::span<const uint32_t> fan(around.data() + first[v], around.data() + first[v + 1]);
       std::optional<glm::dvec3> normal;
       if (kind == FaceNormals::kMean) normal = meanNormal(v, fan);
       base.corners[v].normal = glm::vec3(normal ? *normal : facedNormal(fan));
-    }
+    });
     for (size_t i = 0; i < middles.size(); ++i) {
       const uint32_t h = middles[i], g = s_.twin[h];
       glm::dvec3 mean = unit(normal_[h / 3] + (g == kNoIndex ? glm::dvec3(0) : normal_[g / 3]));
@@ -210,18 +238,21 @@ class FacePairs {
 
   const Surface& s_;
   std::span<const uint32_t> look_of_;
+  const int workers_;
   std::vector<glm::dvec3> normal_;  // for each triangle
+  std::vector<uint8_t> convex_;     // for each half edge of a quad
+  std::vector<Quad> quads_;         // whatever they fold by
   std::vector<double> fold_;        // for each half edge: the angle that its two triangles fold by; below 0: no quad
   std::vector<uint32_t> mate_;      // for each triangle
 };
 
 }  // namespace
 
-BaseMesh facesBase(const Surface& surface, uint32_t max_patches, FaceNormals normals,
-                   std::span<const uint32_t> look_of) {
+BaseMesh facesBase(const Surface& surface, uint32_t max_patches, FaceNormals normals, std::span<const uint32_t> look_of,
+                   int workers) {
   if (surface.triangles.size() > 2 * size_t{max_patches}) return {};
   for (const bool any_look : {false, true}) {
-    FacePairs pairs(surface, any_look ? std::span<const uint32_t>() : look_of);
+    FacePairs pairs(surface, any_look ? std::span<const uint32_t>() : look_of, workers);
     for (const double degrees : {40, 60, 80})
       if (pairs.pair(degrees * kDegree) && pairs.patches() <= max_patches) return pairs.base(normals);
     if (look_of.empty()) break;

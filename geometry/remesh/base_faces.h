@@ -21,8 +21,8 @@ enum class FaceNormals : uint8_t { kFaced, kMean };
 // Pairs fold by at most 40 degrees, as what shades smoothly does (geometry/bake/corner_normals.h), since texels across
 // a crease are many, and by more only where there would be too many patches. look_of: of each triangle; two that look
 // different are no pair, as its texels would mix them, but where there would be too many patches. Empty: all look
-// alike. Has at most max_patches patches, or none if that is too few.
+// alike. Has at most max_patches patches, or none if that is too few. workers: 0 is one for each core.
 BaseMesh facesBase(const Surface& surface, uint32_t max_patches, FaceNormals normals = FaceNormals::kFaced,
-                   std::span<const uint32_t> look_of = {});
+                   std::span<const uint32_t> look_of = {}, int workers = 0);
 
 }  // namespace relievo

@@ -21,6 +21,7 @@ class OpenSides {
     uint32_t from = 0, to = 0;  // corners of the base, in the direction in which its patch's loop runs
     uint32_t older = kNone, newer = kNone;
     bool open = true;
+    uint32_t older_at_from = kNone, older_at_to = kNone;  // at those corners, some closed ones left out
   };
 
   uint32_t newest() const { return newest_; }
@@ -48,10 +49,11 @@ class OpenSides {
   }
   // The newest of all sides of which the corner is the first, if it is open; else kNone.
   uint32_t beginningAt(uint32_t corner) const {
-    const auto at = at_corner_.find(corner);
-    if (at == at_corner_.end() || at->second.begins == kNone) return kNone;
-    return sides_[at->second.begins].open ? at->second.begins : kNone;
+    const uint32_t begins = corner < at_corner_.size() ? at_corner_[corner].begins : kNone;
+    return begins != kNone && sides_[begins].open ? begins : kNone;
   }
+  // corners: of the base.
+  explicit OpenSides(size_t corners) : at_corner_(corners) {}
   // The patch was reached by side i of its loop, which then is the oldest of its sides.
   void take(const std::array<uint32_t, 4>& patch, size_t i) {
     for (size_t k = 4; k > 0; --k) {
@@ -62,15 +64,16 @@ class OpenSides {
   }
   // The far end of the newest open side at that corner which has none of the others; kNone: there is no such.
   uint32_t beyond(uint32_t corner, const std::array<uint32_t, 4>& others) {
-    auto& at = at_corner_[corner].ends;
-    for (size_t n = at.size(); n-- > 0;) {
-      const Side& s = sides_[at[n]];
+    for (uint32_t* at = &at_corner_[corner].newest; *at != kNone;) {
+      Side& s = sides_[*at];
+      uint32_t& older = s.from == corner ? s.older_at_from : s.older_at_to;
       if (!s.open) {
-        at.erase(at.begin() + static_cast<std::ptrdiff_t>(n));  // few open ones lie behind it
+        *at = older;
         continue;
       }
       const uint32_t end = s.from == corner ? s.to : s.from;
       if (end != others[0] && end != others[1] && end != others[2] && end != others[3]) return end;
+      at = &older;
     }
     return kNone;
   }
@@ -79,22 +82,21 @@ class OpenSides {
   static uint64_t keyOf(uint32_t a, uint32_t b) { return a < b ? uint64_t{a} << 32 | b : uint64_t{b} << 32 | a; }
   void open(uint32_t from, uint32_t to) {
     const auto side = static_cast<uint32_t>(sides_.size());
-    sides_.push_back({from, to, newest_, kNone, true});
+    sides_.push_back({from, to, newest_, kNone, true, at_corner_[from].newest, at_corner_[to].newest});
     if (newest_ != kNone) sides_[newest_].newer = side;
     newest_ = side;
     by_ends_[keyOf(from, to)] = side;
-    for (uint32_t end : {from, to}) at_corner_[end].ends.push_back(side);
-    at_corner_[from].begins = side;
+    at_corner_[from].newest = at_corner_[to].newest = at_corner_[from].begins = side;
   }
 
   std::vector<Side> sides_;
   uint32_t newest_ = kNone;
   std::unordered_map<uint64_t, uint32_t> by_ends_;
   struct AtCorner {
-    std::vector<uint32_t> ends;  // sides, many closed ones left out
-    uint32_t begins = kNone;     // the newest side
+    uint32_t newest = kNone;  // side, some closed ones left out
+    uint32_t begins = kNone;  // the newest one of which it is the first
   };
-  std::unordered_map<uint32_t, AtCorner> at_corner_;
+  std::vector<AtCorner> at_corner_;
 };
 
 }  // namespace relievo

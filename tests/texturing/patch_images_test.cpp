@@ -338,12 +338,13 @@ TEST(PatchImages, TheDirectoryIsWithoutLoss) {
   const BaseMesh base = cubeSphere(3, 10, kSeed);
   const PatchImages all = someImages(base);
   for (const bool by_base : {false, true}) {
-    const auto decoded = decodePatchImages(encodePatchImages(all, base, by_base), base, kTileBytes,
+    const auto decoded = decodePatchImages(encodePatchImages(all.images, all.of_patch, base, by_base), base, kTileBytes,
                                            {.jpegs = true, .in_tails = true, .by_base = by_base});
     ASSERT_TRUE(decoded.ok()) << decoded.error().text();
     EXPECT_TRUE(same(all, *decoded));
   }
-  EXPECT_FALSE(decodePatchImages(encodePatchImages(all, base, false), base, kTileBytes, kAllKinds).ok())
+  EXPECT_FALSE(
+      decodePatchImages(encodePatchImages(all.images, all.of_patch, base, false), base, kTileBytes, kAllKinds).ok())
       << "control: neither is the other";
 }
 
@@ -367,10 +368,12 @@ TEST(PatchImages, NormalsThatTheBaseTellsTakeHardlyAnyBytes) {
           patch.normal[half][k] = bytesOf(faceted ? plane : glm::dvec3(base.corners[of[k]].normal));
       }
     }
-    const size_t bytes = encodePatchImages(all, base, true).size(), before = encodePatchImages(all, base, false).size();
+    const size_t bytes = encodePatchImages(all.images, all.of_patch, base, true).size(),
+                 before = encodePatchImages(all.images, all.of_patch, base, false).size();
     EXPECT_LT(bytes, 300u) << base.patches.size() << " patches";
     EXPECT_GT(before, 10 * bytes);
-    const auto decoded = decodePatchImages(encodePatchImages(all, base, true), base, 100, kAllKinds);
+    const auto decoded =
+        decodePatchImages(encodePatchImages(all.images, all.of_patch, base, true), base, 100, kAllKinds);
     ASSERT_TRUE(decoded.ok());
     EXPECT_TRUE(same(all, *decoded));
   }
@@ -397,18 +400,20 @@ TEST(PatchImages, ColoursOfCornersAreWithoutLoss) {
   PatchImages all = someColours(base);
   ASSERT_TRUE(all.anyColours());
   EXPECT_FALSE(someImages(base).anyColours());
-  const auto decoded = decodePatchImages(encodePatchImages(all, base, true), base, kTileBytes, kWithColours);
+  const auto decoded =
+      decodePatchImages(encodePatchImages(all.images, all.of_patch, base, true), base, kTileBytes, kWithColours);
   ASSERT_TRUE(decoded.ok()) << decoded.error().text();
   EXPECT_TRUE(same(all, *decoded));
   PatchImages other = *decoded;
   for (PatchImage& patch : other.of_patch) patch.colour[1][2].b ^= 1;
   EXPECT_FALSE(same(all, other)) << "control";
-  EXPECT_FALSE(decodePatchImages(encodePatchImages(all, base, true), base, kTileBytes, kAllKinds).ok())
+  EXPECT_FALSE(
+      decodePatchImages(encodePatchImages(all.images, all.of_patch, base, true), base, kTileBytes, kAllKinds).ok())
       << "before version 18";
   // Without any image, too.
   all.images.clear();
   for (PatchImage& patch : all.of_patch) patch.image.fill(kCornerColours);
-  const auto alone = decodePatchImages(encodePatchImages(all, base, true), base, 0, kWithColours);
+  const auto alone = decodePatchImages(encodePatchImages(all.images, all.of_patch, base, true), base, 0, kWithColours);
   ASSERT_TRUE(alone.ok()) << alone.error().text();
   EXPECT_TRUE(same(all, *alone));
 }
@@ -435,7 +440,7 @@ TEST(PatchImages, AColourTakesBytesOncePerVertex) {
         }
       }
     }
-    const size_t bytes = encodePatchImages(all, base, true).size();
+    const size_t bytes = encodePatchImages(all.images, all.of_patch, base, true).size();
     if (!by_patch) {
       EXPECT_LT(bytes, 6 * base.corners.size()) << "noise of three bytes, and where it is";
     } else {
@@ -450,7 +455,8 @@ TEST(PatchImages, ADirectoryOfAnythingIsOneOrAnError) {
   const PatchImages all = someImages(base);
   const auto refused = [&](const PatchImages& images, uint64_t tile_bytes, const char* why,
                            KindsOfImages kinds = kAllKinds) {
-    const auto decoded = decodePatchImages(encodePatchImages(images, base, true), base, tile_bytes, kinds);
+    const auto decoded =
+        decodePatchImages(encodePatchImages(images.images, images.of_patch, base, true), base, tile_bytes, kinds);
     EXPECT_FALSE(decoded.ok()) << why;
     if (!decoded) {
       EXPECT_EQ(decoded.error().kind, ErrorKind::kInvalidData);
@@ -485,7 +491,7 @@ TEST(PatchImages, ADirectoryOfAnythingIsOneOrAnError) {
   wrong = all;
   wrong.of_patch[1].at[1][2].x = kMostShownPlace + 1;
   refused(wrong, kTileBytes, "too far outside");
-  const auto bytes = encodePatchImages(all, base, true);
+  const auto bytes = encodePatchImages(all.images, all.of_patch, base, true);
   // The first patch that shows images names one that is not there.
   std::vector<uint8_t> raw(ZSTD_getFrameContentSize(bytes.data(), bytes.size()));
   ASSERT_EQ(ZSTD_decompress(raw.data(), raw.size(), bytes.data(), bytes.size()), raw.size());
@@ -498,7 +504,7 @@ TEST(PatchImages, ADirectoryOfAnythingIsOneOrAnError) {
     EXPECT_EQ(decodePatchImages(frame, base, kTileBytes, kAllKinds).ok(), named < 2);
   }
   const PatchImages coloured = someColours(base);
-  const auto of_colours = encodePatchImages(coloured, base, true);
+  const auto of_colours = encodePatchImages(coloured.images, coloured.of_patch, base, true);
   int sound = 0;
   for (uint64_t i = 0; i < 4000; ++i) {
     std::vector<uint8_t> damaged = bytes;

@@ -14,6 +14,7 @@
 #include <glm/glm.hpp>
 
 #include "src/base/angle_of.h"
+#include "src/base/parallel_for.h"
 #include "texturing/codec/range_coder.h"
 #include "texturing/codec/relief_levels.h"
 #include "texturing/package/base_quads.h"
@@ -216,8 +217,9 @@ class BaseCode {
     for (auto& v : values) v.resize(corners_);
     NormalsBy by = NormalsBy::kCorners;
     if (by_border_ && !positions_[0].empty()) {
-      if constexpr (kEncodes) by = nearestNormals();
+      if constexpr (kEncodes) findNormalsOfTriangles(), by = nearestNormals();
       by = static_cast<NormalsBy>(coder_.plain(static_cast<uint32_t>(by), 2));
+      if (!kEncodes && by != NormalsBy::kCorners) findNormalsOfTriangles();
     }
     for (uint32_t c = 0; c < corners_; ++c) {
       const Steps from = predictedNormal(values, c, by);
@@ -243,13 +245,21 @@ class BaseCode {
   }
   Steps predictedNormal(const std::array<std::vector<int32_t>, 3>& values, uint32_t c, NormalsBy by) const {
     if (by != NormalsBy::kCorners) {
-      const glm::dvec3 sum = normalOfTriangles(c);
+      const glm::dvec3& sum = of_triangles_[c];
       if (const double length = glm::length(sum); length > 0) {
         const double steps = (by == NormalsBy::kTriangles ? kNormalSteps : -kNormalSteps) / length;
         return {nearest(steps * sum.x), nearest(steps * sum.y), nearest(steps * sum.z)};
       }
     }
     return {predicted(values[0], c), predicted(values[1], c), predicted(values[2], c)};
+  }
+  void findNormalsOfTriangles() {
+    constexpr size_t kCornersAJob = 4096;
+    of_triangles_.resize(corners_);
+    parallelFor((corners_ + kCornersAJob - 1) / kCornersAJob, 0, nullptr, [&](size_t job) {
+      const auto end = static_cast<uint32_t>(std::min<size_t>(corners_, (job + 1) * kCornersAJob));
+      for (auto c = static_cast<uint32_t>(job * kCornersAJob); c < end; ++c) of_triangles_[c] = normalOfTriangles(c);
+    });
   }
   static int32_t nearest(double v) { return static_cast<int32_t>(std::floor(v + 0.5)); }
   // The sum of their normals, weighted by their angles at the corner. A patch that is cut has two triangles, and else
@@ -548,6 +558,7 @@ class BaseCode {
   double step_ = 0;
   std::array<std::vector<int32_t>, 3> positions_;  // in steps
   std::vector<uint32_t> first_, uses_;             // uses_[first_[c]] .. : the places, four a patch, that name corner c
+  std::vector<glm::dvec3> of_triangles_;           // normalOfTriangles(), of each corner
   static constexpr size_t kOffBy = std::bit_width(2u * kMostSteps) + 1;
   std::array<std::array<NumberModels, kOffBy>, 3> position_;
   std::array<NumberModels, 2> normal_;

@@ -28,7 +28,7 @@ class QuadCode {
  public:
   // quads: read by an encoder, and written by both.
   QuadCode(Coder& coder, std::span<std::array<uint32_t, 4>> quads, uint32_t corners, BaseCodeKind kind)
-      : coder_(coder), quads_(quads), corners_(corners), kind_(kind) {
+      : coder_(coder), quads_(quads), corners_(corners), kind_(kind), open_(corners) {
     if (kind == BaseCodeKind::kByBorder) by_two_.resize(kPatterns * kPatterns);
   }
 

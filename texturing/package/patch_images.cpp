@@ -7,6 +7,7 @@
 #include <cassert>
 #include <cmath>
 #include <cstring>
+#include <memory>
 #include <string>
 
 #include "src/artwork/basis.h"
@@ -69,8 +70,9 @@ class CornerPredictor {
   }
   // Use: place(expected, there), colour(...) and normal(...) are told what is predicted and answer with what is there.
   // byPlane(by corners, by plane, there): whether it is the plane that says what is expected.
-  template <class Use>
-  void run(std::span<PatchImage> patches, Use&& use) {
+  // Patch: PatchImage, const where what is there is used only.
+  template <class Patch, class Use>
+  void run(std::span<Patch> patches, Use&& use) {
     for (uint32_t p = 0; p < patches.size(); ++p)
       for (size_t half = 0; patches[p].shows() && half < 2; ++half) runHalf(p, half, patches[p], use);
   }
@@ -81,8 +83,16 @@ class CornerPredictor {
     glm::ivec2 at{0};
     glm::u8vec3 normal{0}, colour{0};
   };
-  template <class Use>
-  void runHalf(uint32_t p, size_t half, PatchImage& patch, Use&& use) {
+  template <class T>
+  static const T& set(T& there, const T& found) {
+    return there = found;
+  }
+  template <class T>
+  static const T& set(const T& there, const T&) {
+    return there;
+  }
+  template <class Patch, class Use>
+  void runHalf(uint32_t p, size_t half, Patch& patch, Use&& use) {
     Normals by_corners{}, of_plane{};
     if (by_base_) {
       for (size_t k = 0; k < 3; ++k) by_corners[k] = of_corner_[cornerAt(base_.patches[p], half, k)].normal;
@@ -93,14 +103,16 @@ class CornerPredictor {
       Known& known = of_corner_[cornerAt(base_.patches[p], half, k)];
       const bool is_known = known.image == patch.image[half];
       if (patch.hasColours(half)) {
-        glm::u8vec3& colour = patch.colour[half][k];
-        known.colour = last_colour_ = colour = use.colour(is_known ? known.colour : last_colour_, colour);
+        auto& colour = patch.colour[half][k];
+        known.colour = last_colour_ = set(colour, use.colour(is_known ? known.colour : last_colour_, colour));
       } else {
         glm::ivec2& last = last_[patch.image[half]];
-        known.at = patch.at[half][k] = last = use.place(is_known ? known.at : last, patch.at[half][k]);
+        auto& at = patch.at[half][k];
+        known.at = last = set(at, use.place(is_known ? known.at : last, at));
       }
       const glm::u8vec3 expected = plane ? of_plane[k] : by_base_ || known.image >= 0 ? known.normal : last_normal_;
-      known.normal = patch.normal[half][k] = last_normal_ = use.normal(expected, patch.normal[half][k]);
+      auto& normal = patch.normal[half][k];
+      known.normal = last_normal_ = set(normal, use.normal(expected, normal));
       known.image = patch.image[half];
     }
   }
@@ -399,10 +411,6 @@ uint64_t StoredImage::mostTileBytes() const {
   return is_jpeg ? uint64_t{3} * width * height + kTables : kMaxEncodedPageBytes;
 }
 
-bool PatchImages::anyJpeg() const {
-  return std::any_of(images.begin(), images.end(), [](const StoredImage& image) { return image.is_jpeg; });
-}
-
 bool PatchImages::anyColours() const {
   return std::any_of(of_patch.begin(), of_patch.end(),
                      [](const PatchImage& patch) { return patch.shows() && patch.hasColours(); });
@@ -450,29 +458,30 @@ struct CodedCorners {
 
 }  // namespace
 
-std::vector<uint8_t> encodePatchImages(PatchImages all, const BaseMesh& base, bool by_base) {
+std::vector<uint8_t> encodePatchImages(std::span<const StoredImage> images, std::span<const PatchImage> of_patch,
+                                       const BaseMesh& base, bool by_base) {
   std::vector<uint8_t> raw;
   auto put = [&](auto v) {
     raw.resize(raw.size() + sizeof v);
     storeLittle(raw.data() + raw.size() - sizeof v, v);
   };
-  put(static_cast<uint32_t>(all.images.size()));
-  for (const StoredImage& image : all.images) {
+  put(static_cast<uint32_t>(images.size()));
+  for (const StoredImage& image : images) {
     put(image.width);
     put(image.height);
     put(static_cast<uint8_t>((image.repeats ? kRepeats : 0) | (image.is_jpeg ? kIsJpeg : 0) |
                              (image.fill ? kFill : 0)));
   }
-  for (const StoredImage& image : all.images)
+  for (const StoredImage& image : images)
     for (const ImageTile& tile : image.tiles) put(tile.size);
-  for (const StoredImage& image : all.images)
+  for (const StoredImage& image : images)
     for (const ImageTile& tile : image.tiles) put(tile.hash);
-  for (const PatchImage& patch : all.of_patch) put(patch.in_tail ? kInTail : static_cast<uint8_t>(patch.depth + 1));
-  for (const PatchImage& patch : all.of_patch)
+  for (const PatchImage& patch : of_patch) put(patch.in_tail ? kInTail : static_cast<uint8_t>(patch.depth + 1));
+  for (const PatchImage& patch : of_patch)
     if (patch.shows())
       for (const uint16_t image : patch.image) put(image);
   CodedCorners corners;
-  CornerPredictor(base, all.images.size(), by_base).run(all.of_patch, corners);
+  CornerPredictor(base, images.size(), by_base).run(of_patch, corners);
   raw.insert(raw.end(), corners.by_plane.begin(), corners.by_plane.end());
   for (const auto& of_axis : corners.places)
     for (int byte = 0; byte < 4; ++byte)
@@ -480,7 +489,16 @@ std::vector<uint8_t> encodePatchImages(PatchImages all, const BaseMesh& base, bo
   for (const auto& of_axis : corners.normals) raw.insert(raw.end(), of_axis.begin(), of_axis.end());
   for (const auto& of_channel : corners.colours) raw.insert(raw.end(), of_channel.begin(), of_channel.end());
   std::vector<uint8_t> out(ZSTD_compressBound(raw.size()));
-  const size_t size = ZSTD_compress(out.data(), out.size(), raw.data(), raw.size(), kZstdLevel);
+  const std::unique_ptr<ZSTD_CCtx, size_t (*)(ZSTD_CCtx*)> context(ZSTD_createCCtx(), ZSTD_freeCCtx);
+  ZSTD_CCtx_setParameter(context.get(), ZSTD_c_compressionLevel, kZstdLevel);
+  // With a window as large as the directory its tables would take up to 85 MiB, and save nothing: what repeats is near.
+  constexpr int kWindowLog = 18;
+  if (raw.size() > size_t{1} << kWindowLog) {
+    ZSTD_CCtx_setParameter(context.get(), ZSTD_c_windowLog, kWindowLog);
+    ZSTD_CCtx_setParameter(context.get(), ZSTD_c_chainLog, kWindowLog + 1);
+    ZSTD_CCtx_setParameter(context.get(), ZSTD_c_hashLog, kWindowLog);
+  }
+  const size_t size = ZSTD_compress2(context.get(), out.data(), out.size(), raw.data(), raw.size());
   out.resize(ZSTD_isError(size) ? 0 : size);  // it cannot be: there is room
   return out;
 }
@@ -623,7 +641,7 @@ Result<PatchImages> decodePatchImages(std::span<const uint8_t> bytes, const Base
       }
   if (!whole || raw.size() - at != shown.bytes(kinds.by_base)) return cut;
   DecodedCorners corners{std::span(raw).subspan(at), shown, kinds.by_base};
-  CornerPredictor(base, out.images.size(), kinds.by_base).run(out.of_patch, corners);
+  CornerPredictor(base, out.images.size(), kinds.by_base).run(std::span(out.of_patch), corners);
   if (!corners.inside) return damaged("a patch lies too far outside of its image");
   return out;
 }

@@ -96,13 +96,13 @@ void pasteTile(const StoredImage& image, uint32_t column, uint32_t row, std::spa
 struct PatchImages {
   std::vector<StoredImage> images;
   std::vector<PatchImage> of_patch;
-  bool anyJpeg() const;
   bool anyColours() const;  // of corners
 };
 // What no patch shows of the image becomes what lies around it.
 void fillImage(const SourceImage& image, size_t number, std::span<const PatchImage> patches, std::span<uint8_t> rgb);
 // by_base: as KindsOfImages; with colours of corners it is set.
-std::vector<uint8_t> encodePatchImages(PatchImages images, const BaseMesh& base, bool by_base);
+std::vector<uint8_t> encodePatchImages(std::span<const StoredImage> images, std::span<const PatchImage> of_patch,
+                                       const BaseMesh& base, bool by_base);
 // What there may be: JPEGs from version 15 on, patches whose tails alone show images from version 16 on. From version
 // 17 on normals are predicted by those of the base mesh, or by its halves' planes. In version 18 halves may have
 // colours of corners.

@@ -179,6 +179,7 @@ void makeRoom(Context& context, const BuildOptions& options) {
 Result<void> takeImages(Context& context, PackageHeader& h, const BuildOptions& options) {
   if (!context.source.showsImages()) return {};
   const std::vector<SourceImage> images = context.source.images();
+  context.image_of_patch.reserve(h.domain.patchCount());
   if (!h.base_by_border || !h.cut_patches || options.texture_tolerance < 0 || !hasNormals(h.texture))
     return usage("patches that show images need a package of version 13");
   for (uint32_t p = 0; p < h.domain.patchCount(); ++p) {
@@ -217,20 +218,18 @@ Result<EncodedImages> encodeImages(const Context& context, const BuildOptions& o
   for (size_t i = 0; i < images.size(); ++i)
     if (images[i].fill) images[i].rgb = context.filled_images[i];
   const auto tolerances = channelTolerances(context.header.texture, options.texture_tolerance);
-  PatchImages stored;
-  stored.of_patch = context.image_of_patch;
+  std::vector<StoredImage> stored;
   struct Place {
     size_t image;
     uint32_t column, row;
   };
   std::vector<Place> places;
   for (const SourceImage& image : images) {
-    StoredImage& s = stored.images.emplace_back();
+    StoredImage& s = stored.emplace_back();
     s.width = static_cast<uint32_t>(image.width), s.height = static_cast<uint32_t>(image.height);
     s.repeats = image.repeats;
     for (uint32_t row = 0; row < s.rows(); ++row)
-      for (uint32_t column = 0; column < s.columns(); ++column)
-        places.push_back({stored.images.size() - 1, column, row});
+      for (uint32_t column = 0; column < s.columns(); ++column) places.push_back({stored.size() - 1, column, row});
   }
   struct Worker {
     explicit Worker(int zstd_level) : encoder(zstd_level) {}
@@ -253,7 +252,7 @@ Result<EncodedImages> encodeImages(const Context& context, const BuildOptions& o
   // Of an image that came as a JPEG this takes fewer bytes, as a rule: not where hardly any of an atlas is shown.
   std::vector<std::vector<uint8_t>> kept;
   for (size_t image = 0, begin = 0; image < images.size(); ++image) {
-    StoredImage& s = stored.images[image];
+    StoredImage& s = stored[image];
     const size_t end = begin + s.tileCount();
     size_t bytes = 0;
     for (size_t i = begin; i < end; ++i) bytes += tiles[i].size();
@@ -267,8 +266,8 @@ Result<EncodedImages> encodeImages(const Context& context, const BuildOptions& o
       s.tiles.push_back({static_cast<uint32_t>(kept[i].size()), encodedHash(kept[i])});
     begin = end;
   }
-  const bool jpegs = stored.anyJpeg();
-  auto directory = encodePatchImages(std::move(stored), context.source.base(), context.header.base_parity);
+  const bool jpegs = std::any_of(stored.begin(), stored.end(), [](const StoredImage& s) { return s.is_jpeg; });
+  auto directory = encodePatchImages(stored, context.image_of_patch, context.source.base(), context.header.base_parity);
   return EncodedImages{std::move(kept), std::move(directory), jpegs};
 }
 
