@@ -213,7 +213,7 @@ class Repair {
     for (int round = 0; round < kRounds && !census.open.empty(); ++round) {
       if (!step(0.5 + 0.05 * round)) return false;
       bool complete = true;
-      std::vector<TJunction> found = findTJunctions(mesh_, census.open, tolerance, most, &complete);
+      std::vector<TJunction> found = findTJunctions(mesh_, census.open, tolerance, most, workers_, &complete);
       if (!complete) {
         MeshFinding many{"T-junctions, too many to repair", 0, {}, ""};
         for (const TJunction& j : found) note(many, j.vertex);

@@ -1,8 +1,11 @@
 #include "geometry/scan/mesh_tjunction.h"
 
+#include <algorithm>
+#include <atomic>
 #include <cmath>
 
 #include "geometry/scan/mesh_repair.h"
+#include "src/base/parallel_for.h"
 
 namespace relievo {
 namespace {
@@ -73,39 +76,80 @@ class PointTree {
 
 }  // namespace
 
-std::vector<TJunction> findTJunctions(const TriMesh& mesh, std::span<const uint32_t> open, double tolerance,
-                                      size_t max_count, bool* complete) {
-  const Triangles& triangles = mesh.triangles;
-  *complete = true;
-  std::vector<uint32_t> border;
-  for (uint32_t h : open) {
-    border.push_back(fromVertex(triangles, h));
-    border.push_back(toVertex(triangles, h));
-  }
-  std::sort(border.begin(), border.end());
-  border.erase(std::unique(border.begin(), border.end()), border.end());
-  PointTree tree(mesh, std::move(border));
-  std::vector<TJunction> found;
-  // An edge meets some 30 vertices of the tree in sound meshes. All of them within the tolerance of one another would
-  // take a square of time.
-  uint64_t looks_left = uint64_t{1000} * open.size() + 1000000;
-  for (uint32_t h : open) {
-    uint32_t from = fromVertex(triangles, h), to = toVertex(triangles, h),
-             third = fromVertex(triangles, previousInTriangle(h));
-    glm::dvec3 a(mesh.positions_mm[from]), ab = glm::dvec3(mesh.positions_mm[to]) - a;
-    double length2 = glm::dot(ab, ab), tolerance2 = tolerance * tolerance;
-    *complete = tree.near(a, a + ab, tolerance, [&](uint32_t v) {
-      if (--looks_left == 0) return false;
+namespace {
+
+// Which of a tree's vertices lie on an edge.
+class EdgeSearch {
+ public:
+  EdgeSearch(const TriMesh& mesh, std::vector<uint32_t> vertices, double tolerance)
+      : mesh_(mesh), tree_(mesh, std::move(vertices)), tolerance_(tolerance) {}
+
+  // look(): before each vertex that is looked at; false stops. Appends to found; false: stopped.
+  template <class Look>
+  bool at(uint32_t h, Look look, std::vector<TJunction>& found) const {
+    const Triangles& triangles = mesh_.triangles;
+    const uint32_t from = fromVertex(triangles, h), to = toVertex(triangles, h),
+                   third = fromVertex(triangles, previousInTriangle(h));
+    const glm::dvec3 a(mesh_.positions_mm[from]), ab = glm::dvec3(mesh_.positions_mm[to]) - a;
+    const double length2 = glm::dot(ab, ab), tolerance2 = tolerance_ * tolerance_;
+    return tree_.near(a, a + ab, tolerance_, [&](uint32_t v) {
+      if (!look()) return false;
       if (v == from || v == to || v == third) return true;
-      glm::dvec3 av = glm::dvec3(mesh.positions_mm[v]) - a;
-      double along = glm::dot(av, ab) / length2;
-      glm::dvec3 off = av - ab * along;
+      const glm::dvec3 av = glm::dvec3(mesh_.positions_mm[v]) - a;
+      const double along = glm::dot(av, ab) / length2;
+      const glm::dvec3 off = av - ab * along;
       if (!(along > 0 && along < 1) || glm::dot(off, off) > tolerance2) return true;
       if (along * along * length2 <= tolerance2 || (1 - along) * (1 - along) * length2 <= tolerance2) return true;
       found.push_back({h, v, along});
-      return found.size() <= max_count;
+      return true;
     });
-    if (!*complete) break;
+  }
+
+ private:
+  const TriMesh& mesh_;
+  PointTree tree_;
+  double tolerance_;
+};
+
+}  // namespace
+
+std::vector<TJunction> findTJunctions(const TriMesh& mesh, std::span<const uint32_t> open, double tolerance,
+                                      size_t max_count, int workers, bool* complete) {
+  std::vector<uint32_t> border;
+  for (uint32_t h : open) {
+    border.push_back(fromVertex(mesh.triangles, h));
+    border.push_back(toVertex(mesh.triangles, h));
+  }
+  std::sort(border.begin(), border.end());
+  border.erase(std::unique(border.begin(), border.end()), border.end());
+  const EdgeSearch search(mesh, std::move(border), tolerance);
+  // An edge meets some 30 vertices of the tree in sound meshes. All of them within the tolerance of one another would
+  // take a square of time.
+  const uint64_t most_looks = uint64_t{1000} * open.size() + 1000000;
+  constexpr size_t kEdgesAJob = 256;
+  const size_t jobs = (open.size() + kEdgesAJob - 1) / kEdgesAJob;
+  std::vector<std::vector<TJunction>> of_job(jobs);
+  std::atomic<uint64_t> looks = 0, count = 0;
+  auto tooMany = [&] { return looks >= most_looks || count > max_count; };
+  parallelFor(jobs, workers, nullptr, [&](size_t job) {
+    for (size_t i = job * kEdgesAJob; i < std::min(open.size(), (job + 1) * kEdgesAJob) && !tooMany(); ++i) {
+      uint64_t of_edge = 0;
+      const size_t before = of_job[job].size();
+      search.at(
+          open[i], [&] { return ++of_edge < most_looks; }, of_job[job]);
+      looks += of_edge;
+      count += of_job[job].size() - before;
+    }
+  });
+  std::vector<TJunction> found;
+  *complete = !tooMany();
+  if (*complete) {
+    for (const auto& some : of_job) found.insert(found.end(), some.begin(), some.end());
+  } else {  // those of the first edges, whichever threads looked where
+    uint64_t left = most_looks;
+    for (size_t i = 0; i < open.size() && left > 0 && found.size() <= max_count; ++i)
+      search.at(
+          open[i], [&] { return --left > 0 && found.size() <= max_count; }, found);
   }
   std::sort(found.begin(), found.end(), [](const TJunction& p, const TJunction& q) {
     if (p.half_edge != q.half_edge) return p.half_edge < q.half_edge;

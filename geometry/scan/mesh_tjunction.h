@@ -13,9 +13,9 @@ struct TJunction {
 };
 // Of the open half-edges, by half-edge and place along it. tolerance: of the distance to the edge; what is as near to
 // one of its ends is none. Stops beyond max_count or a time that only files made for it exceed: then *complete is
-// false.
+// false. workers: 0 is one for each core.
 std::vector<TJunction> findTJunctions(const TriMesh& mesh, std::span<const uint32_t> open, double tolerance,
-                                      size_t max_count, bool* complete);
+                                      size_t max_count, int workers, bool* complete);
 
 // Splits the triangles; corner_uv is interpolated. A triangle that a split would turn over or make degenerate (thinner
 // than the tolerance) stays: its junctions are returned.

@@ -6,6 +6,7 @@
 #include <array>
 #include <cstddef>
 #include <cstdint>
+#include <memory_resource>
 #include <unordered_map>
 #include <vector>
 
@@ -91,7 +92,8 @@ class OpenSides {
 
   std::vector<Side> sides_;
   uint32_t newest_ = kNone;
-  std::unordered_map<uint64_t, uint32_t> by_ends_;
+  std::pmr::unsynchronized_pool_resource nodes_;
+  std::pmr::unordered_map<uint64_t, uint32_t> by_ends_{&nodes_};
   struct AtCorner {
     uint32_t newest = kNone;  // side, some closed ones left out
     uint32_t begins = kNone;  // the newest one of which it is the first

@@ -4,12 +4,14 @@
 #include <gtest/gtest.h>
 
 #include <algorithm>
+#include <array>
 #include <bit>
 #include <cmath>
 #include <functional>
 #include <random>
 
 #include "geometry/bake/bake_trace.h"
+#include "geometry/bake/fidelity.h"
 #include "geometry/bake/vertex_normals.h"
 #include "geometry/mesh/mesh_order.h"
 #include "geometry/mesh/ray_scene.h"
@@ -1640,6 +1642,46 @@ TEST(MeshBake, repeatedImagesAreShownByOwnTriangles) {
     for (auto& corner : uv) corner *= 0.9f;
   const std::vector<uint8_t> atlas(3 * 256 * 256, 100);
   EXPECT_TRUE(bake(once, base, options, {{.width = 256, .height = 256, .texels = atlas}})->imagesOn(0));
+}
+
+// A base that lies on the scan everywhere, within what it may be off: lines are not asked for heights, and what is
+// drawn are its own triangles, which is what is measured. Controls: where that is too far off, where one triangle is,
+// or where patches are not cut, there are heights.
+TEST(MeshBake, ownTrianglesAreFlat) {
+  constexpr float kOff = 0.003f;
+  const TriMesh mesh = sheetMesh(30, 10, 6, 4, [](double, double) { return 0.0; });
+  auto surface = makeSurface(mesh.positions_mm, mesh.triangles);
+  ASSERT_TRUE(surface.ok());
+  BaseMesh base = facesBase(*surface, 1000);
+  for (BaseCorner& corner : base.corners) corner.position_mm.z += kOff;
+  BakeOptions options{.touch_mm = 2 * kOff};
+  auto rms = [&](const MeshBake& baked) {
+    const auto found = measureFidelity(FidelityScan(mesh, 0), baked, FidelityTarget::of(diagonalOf(mesh)));
+    EXPECT_TRUE(found.ok());
+    return std::array{found->to_drawn.rms_mm, found->to_scan.rms_mm};
+  };
+  const auto flat = bake(mesh, base, options);
+  ASSERT_TRUE(flat);
+  EXPECT_TRUE(flat->isFlat());
+  EXPECT_TRUE(flat->isEven());
+  EXPECT_EQ(flat->report().limit, BakeLimit::kNone);
+  EXPECT_EQ(flat->report().by_closest_point, 0u);
+  for (const double way : rms(*flat)) EXPECT_NEAR(way, kOff, 1e-5);
+  for (uint32_t p = 0; p < base.patches.size(); ++p)
+    for (int log2 = 0; log2 <= kPageCellsLog2; ++log2) EXPECT_EQ(flat->errorOfGrid(p, log2), 0) << p << ", " << log2;
+
+  options.touch_mm = kOff / 2;
+  const auto near = bake(mesh, base, options);
+  ASSERT_TRUE(near);
+  EXPECT_FALSE(near->isFlat());
+  for (const double way : rms(*near)) EXPECT_LT(way, 1e-5) << "heights lead to the scan";
+  options.touch_mm = 2 * kOff;
+  BaseMesh moved = base;
+  moved.corners[moved.patches[5][0]].position_mm.z += 4 * kOff;
+  EXPECT_FALSE(bake(mesh, moved, options)->isFlat());
+  BaseMesh whole = base;
+  whole.cut = false;
+  EXPECT_FALSE(bake(mesh, whole, options)->isFlat());
 }
 
 // A scan of one colour that is its own base needs no texels: its patches show the colour, and have the triangles'

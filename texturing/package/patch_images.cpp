@@ -11,6 +11,7 @@
 #include <string>
 
 #include "src/artwork/basis.h"
+#include "src/base/parallel_for.h"
 #include "texturing/codec/mip.h"
 #include "texturing/codec/page_codec.h"
 #include "texturing/package/image_fill.h"
@@ -159,22 +160,31 @@ ShownImage::ShownImage(const SourceImage& image) : width_(image.width), height_(
   std::vector<uint16_t> fine, coarse;  // channel after channel
   // from(channel, texel): of the level so far.
   auto halve = [&](auto from) {
-    const int64_t width = levels_.back().width, height = levels_.back().height;
-    const int64_t even_width = (width + 1) / 2 * 2, even_height = (height + 1) / 2 * 2;
+    constexpr int64_t kRowsAJob = 32;
     using Texel = decltype(from(0, 0));
-    std::vector<Texel> even;  // the last row and column are repeated
-    even.reserve(static_cast<size_t>(3 * even_width * even_height));
-    for (int64_t c = 0; c < 3; ++c)
-      for (int64_t y = 0; y < even_height; ++y)
-        for (int64_t x = 0; x < even_width; ++x)
-          even.push_back(from(c, std::min(y, height - 1) * width + std::min(x, width - 1)));
-    Level level{even_width / 2, even_height / 2, {}};
+    const int64_t width = levels_.back().width, height = levels_.back().height;
+    Level level{(width + 1) / 2, (height + 1) / 2, {}};
     const auto texels = static_cast<size_t>(level.width * level.height);
     coarse.resize(3 * texels);
-    mip.downsample(even.data(), static_cast<int>(even_width), static_cast<int>(even_height), coarse.data());
-    level.rgb.resize(coarse.size() + 1);
-    for (size_t c = 0; c < 3; ++c)
-      for (size_t i = 0; i < texels; ++i) level.rgb[3 * i + c] = byteFromLevel(coarse[c * texels + i]);
+    level.rgb.resize(3 * texels + 1);
+    parallelFor(static_cast<size_t>((level.height + kRowsAJob - 1) / kRowsAJob), 0, nullptr, [&](size_t job) {
+      const int64_t first = static_cast<int64_t>(job) * kRowsAJob, rows = std::min(kRowsAJob, level.height - first),
+                    even_width = 2 * level.width;
+      std::vector<Texel> even;  // the last row and column are repeated
+      even.reserve(static_cast<size_t>(3 * even_width * 2 * rows));
+      for (int64_t c = 0; c < 3; ++c)
+        for (int64_t y = 2 * first; y < 2 * (first + rows); ++y)
+          for (int64_t x = 0; x < even_width; ++x)
+            even.push_back(from(c, std::min(y, height - 1) * width + std::min(x, width - 1)));
+      const auto count = static_cast<size_t>(rows * level.width), begin = static_cast<size_t>(first * level.width);
+      std::vector<uint16_t> halved(3 * count);
+      mip.downsample(even.data(), static_cast<int>(even_width), static_cast<int>(2 * rows), halved.data());
+      for (size_t c = 0; c < 3; ++c)
+        for (size_t i = 0; i < count; ++i) {
+          coarse[c * texels + begin + i] = halved[c * count + i];
+          level.rgb[3 * (begin + i) + c] = byteFromLevel(halved[c * count + i]);
+        }
+    });
     levels_.push_back(std::move(level));
     fine.swap(coarse);
   };

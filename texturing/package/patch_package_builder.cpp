@@ -20,6 +20,7 @@
 
 #include <algorithm>
 #include <array>
+#include <atomic>
 #include <cmath>
 #include <cstring>
 #include <memory>
@@ -237,9 +238,13 @@ Result<EncodedImages> encodeImages(const Context& context, const BuildOptions& o
     std::vector<uint8_t> channels = std::vector<uint8_t>(kTexturePageBytes);
   };
   std::vector<std::vector<uint8_t>> tiles(places.size());
+  // Once an image's tiles take more than the JPEG that it came as, no more of them are needed.
+  std::vector<std::atomic<uint64_t>> taken(images.size());
+  auto isJpeg = [&](size_t image) { return !images[image].jpeg.empty() && images[image].jpeg.size() < taken[image]; };
   const bool whole = parallelForWith(
       places.size(), workers, options.interrupted, [&] { return std::make_unique<Worker>(options.zstd_level); },
       [&](std::unique_ptr<Worker>& worker, size_t i) {
+        if (isJpeg(places[i].image)) return;
         cutTile(images[places[i].image], places[i].column, places[i].row, worker->channels);
         const PageEncoding encoding = context.header.encodings[0];
         const auto bytes =
@@ -247,6 +252,7 @@ Result<EncodedImages> encodeImages(const Context& context, const BuildOptions& o
                 ? worker->encoder.encodeTextureWithin(worker->channels, std::span(tolerances).first(3), true)
                 : worker->encoder.encodeTexture(worker->channels, encoding);
         tiles[i].assign(bytes.begin(), bytes.end());
+        taken[places[i].image] += bytes.size();
       });
   if (!whole) return Error{ErrorKind::kInterrupted, options.output, "interrupted", "nothing was written", {}};
   // Of an image that came as a JPEG this takes fewer bytes, as a rule: not where hardly any of an atlas is shown.
@@ -254,10 +260,8 @@ Result<EncodedImages> encodeImages(const Context& context, const BuildOptions& o
   for (size_t image = 0, begin = 0; image < images.size(); ++image) {
     StoredImage& s = stored[image];
     const size_t end = begin + s.tileCount();
-    size_t bytes = 0;
-    for (size_t i = begin; i < end; ++i) bytes += tiles[i].size();
     const std::span<const uint8_t> jpeg = images[image].jpeg;
-    s.is_jpeg = !jpeg.empty() && jpeg.size() < bytes;
+    s.is_jpeg = isJpeg(image);
     s.fill = s.is_jpeg && images[image].fill;
     if (s.is_jpeg) kept.emplace_back(jpeg.begin(), jpeg.end());
     else
