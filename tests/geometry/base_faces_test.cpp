@@ -217,6 +217,23 @@ TEST(BaseFaces, PairsLookAlike) {
       << "where there may be no more";
 }
 
+// Three flat triangles beside one another: those that make a convex quad are a patch, though its corners are farther
+// from right angles. Control: with a corner moved to the other side of that line, the squarer two are.
+TEST(BaseFaces, ConvexQuadsComeFirst) {
+  for (const bool convex : {false, true}) {
+    TriMesh mesh;
+    mesh.positions_mm = {{0, 0, 0}, {2, 0, 0}, {-0.26f, 1.477f, 0}, {-0.131f, -1.494f, 0}, {9.07f, 13.3f, 0}};
+    if (convex) mesh.positions_mm[3].x = 0.9f;
+    mesh.triangles = {{0, 1, 2}, {1, 0, 3}, {2, 1, 4}};
+    const BaseMesh base = facesOf(mesh);
+    ASSERT_EQ(base.patches.size(), 2u);
+    const std::set<uint32_t> expected = convex ? std::set<uint32_t>{0, 1, 2, 3} : std::set<uint32_t>{0, 1, 2, 4};
+    EXPECT_TRUE(std::any_of(base.patches.begin(), base.patches.end(), [&](const auto& p) {
+      return std::set<uint32_t>(p.begin(), p.end()) == expected;
+    })) << convex;
+  }
+}
+
 // A prism over an arrowhead: the two triangles of a cap are no convex quad, and one patch all the same.
 TriMesh arrowMesh() {
   TriMesh m;

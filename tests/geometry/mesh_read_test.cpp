@@ -1212,6 +1212,23 @@ TEST(MeshRepairs, TJunctionsAreClosed) {
   }
 }
 
+// More edges than one thread looks at in one go.
+TEST(MeshRepairs, TJunctionsOfManyEdges) {
+  constexpr int kTimes = 100;
+  Sample all;
+  for (int i = 0; i < kTimes; ++i) {
+    Sample s = sheet(1, 4);
+    append(s, {{{1, 0, 0}, {5, 0, 0}, {5, 4, 0}, {1, 4, 0}}, {{0, 1, 2}, {0, 2, 3}}, {}, {}});
+    for (auto& p : s.positions) p.x += static_cast<float>(10 * i);
+    append(all, s);
+  }
+  const LoadedMesh r = mustRepair(toMesh(all));
+  EXPECT_EQ(found(r.diagnosis, "T-junctions"), 3u * kTimes);
+  EXPECT_EQ(r.mesh.triangles.size(), 13u * kTimes);
+  EXPECT_EQ(r.diagnosis.pieces, uint32_t{kTimes});
+  expectManifold(r);
+}
+
 TEST(MeshRepairs, TJunctionsOnAllSidesOfATriangle) {
   for (uint32_t seed = 1; seed <= 30; ++seed) {
     SCOPED_TRACE(seed);

@@ -928,8 +928,9 @@ TEST(PatchImages, TailsOfDamagedImagesAreNeutral) {
 }
 
 // A page's size, as the encoder of pages makes it.
-Picture jpegPicture(bool fill) {
+Picture jpegPicture(bool fill, bool plain = false) {
   Picture p = pictureOf(kPageFullPx, kPageFullPx, false, 6);
+  if (plain) std::fill(p.rgb.begin(), p.rgb.end(), 100);
   std::vector<uint8_t> texels, room(1 << 20);
   for (size_t i = 0; i < p.rgb.size(); ++i) {
     texels.push_back(p.rgb[i]);
@@ -989,6 +990,10 @@ TEST(PatchImages, AnImageThatCameAsAJpegStaysOne) {
   EXPECT_EQ(packageVersion((*Package::open(folder.file("b.relievo")))->header()), 14u);
   EXPECT_GT(std::filesystem::file_size(folder.file("b.relievo")),
             std::filesystem::file_size(folder.file("a.relievo")) + 10'000);
+  // Nor is one kept whose tiles take fewer bytes.
+  options.output = folder.file("c.relievo");
+  ASSERT_TRUE(buildPatchPackage(ShowingPatches(jpegPicture(false, true)), options).ok());
+  EXPECT_EQ(packageVersion((*Package::open(options.output))->header()), 14u);
 }
 
 TEST(PatchImages, BesideThemOwnColoursGoOn) {
