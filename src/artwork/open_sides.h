@@ -25,6 +25,9 @@ class OpenSides {
     uint32_t older_at_from = kNone, older_at_to = kNone;  // at those corners, some closed ones left out
   };
 
+  // corners: of the base.
+  explicit OpenSides(size_t corners) : at_corner_(corners) {}
+
   uint32_t newest() const { return newest_; }
   const Side& operator[](uint32_t side) const { return sides_[side]; }
   uint32_t between(uint32_t a, uint32_t b) const {
@@ -53,8 +56,6 @@ class OpenSides {
     const uint32_t begins = corner < at_corner_.size() ? at_corner_[corner].begins : kNone;
     return begins != kNone && sides_[begins].open ? begins : kNone;
   }
-  // corners: of the base.
-  explicit OpenSides(size_t corners) : at_corner_(corners) {}
   // The patch was reached by side i of its loop, which then is the oldest of its sides.
   void take(const std::array<uint32_t, 4>& patch, size_t i) {
     for (size_t k = 4; k > 0; --k) {
