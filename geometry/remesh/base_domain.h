@@ -36,7 +36,7 @@ struct BaseDomainOptions {
   uint32_t patches = 0;
   double mm_per_unit = 1;  // converts positions in error messages
   int workers = 0;         // 0: one for each core
-  // Called at most once, when the rest of the work needs one core only and seldom reads the scan.
+  // Called at most once, when the rest of the work mostly needs one core only and seldom reads the scan.
   std::function<void()> on_serial_phase;
   std::function<void(double /*0..1*/)> progress;
   const std::atomic<bool>* interrupted = nullptr;

@@ -74,10 +74,6 @@ class PointTree {
   std::vector<uint32_t> vertices_;
 };
 
-}  // namespace
-
-namespace {
-
 // Which of a tree's vertices lie on an edge.
 class EdgeSearch {
  public:

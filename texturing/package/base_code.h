@@ -22,8 +22,8 @@ constexpr uint64_t mostCodedBaseBytes(uint64_t section_bytes) { return 2 * secti
 // 0: none. Corners off the lattice take 24 bytes.
 std::vector<uint8_t> encodeBaseCode(BaseSection section, double step_mm, BaseCodeKind kind, bool cut = false);
 // As it was coded: baseSectionFault() says whether it is sound. Without blocks and shapes where no patch has an error.
-// Safe for untrusted bytes: allocates no more than the largest section of so many patches has, and lists of their sides
-// of a third of that. The error's file is empty.
+// Safe for untrusted bytes: allocates no more than the largest section of so many patches has, and as much again for
+// lists of their sides and corners. The error's file is empty.
 Result<BaseSection> decodeBaseCode(std::span<const uint8_t> code, uint32_t patches, BaseSectionEnd end,
                                    BaseCodeKind kind, bool cut = false);
 

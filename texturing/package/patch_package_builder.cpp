@@ -93,13 +93,14 @@ Result<std::string> manifestOf(const PackageHeader& h, const PatchSource& source
 // The tails of patches first .. first + count, as a chunk's bytes.
 Result<std::vector<uint8_t>> tailsChunk(const Context& c, const BuildOptions& options, uint32_t first, uint32_t count) {
   PatchTails tails(count, c.store.channels);
-  std::vector<uint8_t> bytes(c.tailBytes()), neutral(tails.patchTexels());
+  std::vector<uint8_t> bytes(count * c.tailBytes()), neutral(tails.patchTexels());
   neutralTail(c.header.texture, neutral);
+  bool kept = !c.even_patches;  // anything of these patches
+  for (uint32_t patch = first; patch < first + count; ++patch) kept = kept || !c.tailIsMade(patch);
+  if (kept)
+    if (auto read = c.tails->read(first * c.tailBytes(), bytes.data(), bytes.size()); !read) return read.error();
   for (uint32_t i = 0; i < count; ++i) {
-    const uint8_t* of_patch = bytes.data();
-    if (!c.even_patches || !c.tailIsMade(first + i))
-      if (auto read = c.tails->read((first + i) * c.tailBytes(), bytes.data(), bytes.size()); !read)
-        return read.error();
+    const uint8_t* of_patch = bytes.data() + i * c.tailBytes();
     if (c.even_patches) std::copy(c.even_tail.begin(), c.even_tail.end(), tails.heightsOf(i).begin());
     else std::memcpy(tails.heightsOf(i).data(), of_patch, 2 * kTailHeights);
     if (c.tailIsMade(first + i)) std::copy(neutral.begin(), neutral.end(), tails.texelsOf(i).begin());
