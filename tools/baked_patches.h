@@ -19,10 +19,12 @@ namespace relievo {
 // The bake outlives it, and so do its images' texels, and their JPEGs.
 class BakedPatches final : public PatchSource {
  public:
-  // step: of the lattice of the base's corners, in the scan's units. jpegs: of the images (SourceImage::jpeg), or none.
+  // step: of the lattice of the base's corners, in the scan's units. jpegs, normal_jpegs: of the images and of their
+  // maps of normals (SourceImage::jpeg), or none.
   BakedPatches(const MeshBake& bake, double step, double mm_per_unit, double slight_mm, std::vector<Provenance> sources,
                const TextureFormat& format, std::span<const MeshBake::Image> images = {},
-               std::span<const std::vector<uint8_t>> jpegs = {})
+               std::span<const std::vector<uint8_t>> jpegs = {},
+               std::span<const std::vector<uint8_t>> normal_jpegs = {})
       : bake_(bake),
         mm_(mm_per_unit),
         step_mm_(step * mm_per_unit),
@@ -37,12 +39,23 @@ class BakedPatches final : public PatchSource {
       number_of_image_.push_back(static_cast<uint16_t>(images_.size()));
       if (!shown[i]) continue;
       const MeshBake::Image& image = images[i];
+      auto jpegOf = [&](std::span<const std::vector<uint8_t>> files) {
+        return i < files.size() ? std::span<const uint8_t>(files[i]) : std::span<const uint8_t>();
+      };
       images_.push_back({.width = image.width,
                          .height = image.height,
                          .repeats = image.repeats,
                          .rgb = image.texels,
                          .fill = !image.palette && times[i] < kTimesOver,
-                         .jpeg = i < jpegs.size() ? std::span<const uint8_t>(jpegs[i]) : std::span<const uint8_t>()});
+                         .jpeg = jpegOf(jpegs)});
+      if (image.normals.empty()) continue;
+      SourceImage normals = images_.back();
+      normals.is_normals = true;
+      normals.normals_downwards = image.normals_downwards;
+      normals.width = image.normals_width, normals.height = image.normals_height;
+      normals.rgb = image.normals;
+      normals.jpeg = jpegOf(normal_jpegs);
+      images_.push_back(normals);
     }
     base_.origin_mm *= mm_;
     for (BaseCorner& c : base_.corners)
@@ -70,10 +83,10 @@ class BakedPatches final : public PatchSource {
         continue;
       }
       out.image[half] = number_of_image_[on->image[half]];
-      const SourceImage& image = images_[out.image[half]];
+      const glm::ivec2 size = placeSize(images_, out.image[half]);
       for (size_t k = 0; k < 3; ++k) {
         const glm::dvec2 uv = on->uv[half][k];
-        const glm::dvec2 from_above(uv.x * image.width, (1 - uv.y) * image.height);
+        const glm::dvec2 from_above(uv.x * size.x, (1 - uv.y) * size.y);
         out.at[half][k] = glm::ivec2(glm::round(256.0 * from_above));
       }
     }

@@ -554,7 +554,7 @@ Result<bool> MeshBuild::useMorePatches() {
 std::vector<double> MeshBuild::imageTexels() const {
   std::vector<double> texels;
   for (const MeshBake::Image& image : textured_.images)
-    texels.push_back(image.palette ? 0 : static_cast<double>(image.width) * image.height);
+    texels.push_back(image.palette ? 0 : static_cast<double>(image.placeWidth()) * image.placeHeight());
   return texels;
 }
 
@@ -586,8 +586,8 @@ Result<bool> MeshBuild::useFewFacesAtOnce() {
 
 FaceTexels MeshBuild::faceTexels() const {
   if (textured_.format.basis != Basis::kAlbedoNormal) return FaceTexels::kEach;
-  const std::vector<double> texels = imageTexels();
-  const double all = std::accumulate(texels.begin(), texels.end(), 0.0);
+  double all = 0;
+  for (const MeshBake::Image& image : textured_.images) all += image.palette ? 0 : image.texelsWithNormals();
   if (!showsImages() || all > static_cast<double>(kMostShownTexels)) return FaceTexels::kSome;
   return all > 0 ? FaceTexels::kShown : FaceTexels::kNone;
 }
@@ -768,9 +768,10 @@ Result<void> MeshBuild::pack() {
   package.kept_bytes = kKeptBytes;
   package.memory_budget_bytes = std::max(package.memory_budget_bytes, held + kLeastPackageBytes) - held;
   auto built = stages_.run("package", [&] {
-    return buildPatchesWithProgress(BakedPatches(*bake_, baseStep(), mm(1), mm(kSlight * fidelity_.target.rms_mm),
-                                                 sources, textured_.format, textured_.images, textured_.jpegs),
-                                    package);
+    return buildPatchesWithProgress(
+        BakedPatches(*bake_, baseStep(), mm(1), mm(kSlight * fidelity_.target.rms_mm), sources, textured_.format,
+                     textured_.images, textured_.jpegs, textured_.normal_jpegs),
+        package);
   });
   if (!built) return built.error().kind == ErrorKind::kInterrupted ? interrupted(a_) : built.error();
   result_.pages = built->pages;
@@ -793,6 +794,7 @@ Result<void> MeshBuild::pack() {
 }
 
 void MeshBuild::countImages() {
+  for (const MeshBake::Image& image : textured_.images) result_.normal_maps += !image.normals.empty();
   auto isImage = [&](size_t i) { return i < textured_.images.size() && !textured_.images[i].palette; };
   const std::vector<bool> shown = bake_->shownImages();
   for (size_t i = 0; i < shown.size(); ++i) result_.shown_images += shown[i] && isImage(i);
@@ -862,6 +864,9 @@ void MeshBuild::printSummary() const {
     printOutf("  images    %llu stored once and as they are; %llu patches show them\n",
               static_cast<unsigned long long>(result_.shown_images),
               static_cast<unsigned long long>(result_.patches_with_images));
+  if (result_.normal_maps > 0)
+    printOutf("  normals   of %llu %s are used\n", static_cast<unsigned long long>(result_.normal_maps),
+              result_.normal_maps == 1 ? "map" : "maps");
   if (result_.texture_nodes_left_out > 0)
     printOutf(
         "  texture   %llu of %llu nodes have no pages: what is coarser shows them within %.3g steps of 255 "

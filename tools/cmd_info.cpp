@@ -160,6 +160,7 @@ nlohmann::ordered_json jsonOf(const Contents& c) {
   if (!m.domain.isFlat()) json["tails"] = c.package.hasTails();
   if (const auto shown = c.package.shownImages(); shown.bytes > 0)
     json["shown_images"] = {{"images", shown.images},
+                            {"normal_maps", shown.normal_maps},
                             {"patches", shown.patches},
                             {"corner_colours", shown.corner_colours},
                             {"bytes", shown.bytes}};
@@ -241,8 +242,10 @@ void printPages(const Contents& c) {
       printOutf("    normals      %8.1f KiB: of the triangles that make %u patches, and %s\n", shown_kib, shown.patches,
                 shown.one_colour ? "one colour" : "their corners' colours");
     else
-      printOutf("    images       %8.1f KiB: %zu that %u patches show, whose pages are made when they are read\n",
-                shown_kib, shown.images, shown.patches);
+      printOutf("    images       %8.1f KiB: %zu%s that %u patches show, whose pages are made when they are read\n",
+                shown_kib, shown.images,
+                shown.normal_maps > 0 ? (" and " + std::to_string(shown.normal_maps) + " maps of normals").c_str() : "",
+                shown.patches);
   }
   const PackageHeader& h = c.package.header();
   if (h.coded_tails)

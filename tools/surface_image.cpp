@@ -6,6 +6,7 @@
 #include <algorithm>
 #include <array>
 #include <cerrno>
+#include <cmath>
 #include <cstring>
 #include <filesystem>
 #include <optional>
@@ -15,6 +16,8 @@
 #include <vector>
 
 #include "geometry/bake/mip_image.h"
+#include "geometry/bake/normal_map_fit.h"
+#include "geometry/bake/vertex_normals.h"
 #include "geometry/scan/mesh_read.h"
 #include "src/artwork/shown_images.h"
 #include "src/base/file.h"
@@ -112,6 +115,33 @@ std::vector<uint8_t> jpegOf(const Image8& image, const std::string& path, const 
   return jpeg;
 }
 
+// Most texels of a map of normals are one of length 1 that points outwards; a map of heights is grey.
+bool hasNormals(const Image8& image) {
+  constexpr size_t kLooks = 4096;
+  constexpr double kShare = 0.9, kOff = 0.35;
+  const size_t pixels = image.pixels.size() / 3, step = std::max<size_t>(pixels / kLooks, 1) | 1;
+  size_t looked = 0, normals = 0;
+  for (size_t i = 0; i < pixels; i += step, ++looked) {
+    glm::dvec3 n;
+    for (int c = 0; c < 3; ++c) n[c] = image.pixels[3 * i + static_cast<size_t>(c)] / 127.5 - 1;
+    normals += n.z > 0 && std::abs(glm::length(n) - 1) < kOff;
+  }
+  return static_cast<double>(normals) >= kShare * static_cast<double>(looked);
+}
+
+// As NormalMap::scale says.
+void scaleNormals(Image8& image, float scale) {
+  if (scale == 1) return;
+  for (size_t i = 0; i < image.pixels.size(); i += 3) {
+    glm::dvec3 n;
+    for (int c = 0; c < 3; ++c) n[c] = (image.pixels[i + static_cast<size_t>(c)] / 127.5 - 1) * (c < 2 ? scale : 1);
+    const double length = glm::length(n);
+    for (int c = 0; c < 3 && length > 0; ++c)
+      image.pixels[i + static_cast<size_t>(c)] =
+          static_cast<uint8_t>(std::clamp(127.5 * (n[c] / length) + 128, 0.0, 255.0));
+  }
+}
+
 void halve(Image8& image) {
   image = {(image.width + 1) / 2, (image.height + 1) / 2, image.channels,
            halvedTexels(image.width, image.height, image.channels, image.pixels)};
@@ -132,7 +162,7 @@ class TextureReader {
                      {}};
       auto image = readImage8(a_.texture, a_.images);
       if (!image) return image.error();
-      add(std::move(*image), {.path = a_.texture, .repeats = mesh_.texture_repeats});
+      add(std::move(*image), {.file = {a_.texture, {}}, .repeats = mesh_.texture_repeats});
     } else if (a_.texture.empty()) {
       for (const MeshImage& image : mesh_.images) {
         if (interruptedFlag()) return Error{ErrorKind::kInterrupted, a_.mesh, "interrupted", "", {}};
@@ -140,30 +170,64 @@ class TextureReader {
       }
     }
     if (missing_ > 0 && read_ == 0) return first_missing_;
-    warnOfWhatIsLost();
     if (out_.images.empty()) {
       // No triangle shows any image from here on, or all show one of one texel.
       mesh_.corner_uv = {}, mesh_.image_of = {}, mesh_.images = {};
       if (const auto colour = oneColour()) add(paletteImage({*colour}), {.palette = {*colour}});
     }
-    for (size_t k = 0; k < out_.pixels.size(); ++k) {
-      out_.images[k].width = out_.pixels[k].width;
-      out_.images[k].height = out_.pixels[k].height;
-      out_.images[k].texels = out_.pixels[k].pixels;
-      out_.images[k].has_file = !out_.jpegs[k].empty();
-    }
+    shrinkNormals();
+    finishImages();
+    warnOfWhatIsLost();
     return std::move(out_);
   }
 
  private:
+  void finishImages() {
+    for (size_t k = 0; k < out_.pixels.size(); ++k) {
+      MeshBake::Image& image = out_.images[k];
+      Image8& normals = out_.normal_pixels[k];
+      image.width = out_.pixels[k].width;
+      image.height = out_.pixels[k].height;
+      image.texels = out_.pixels[k].pixels;
+      image.normals_width = normals.width;
+      image.normals_height = normals.height;
+      image.normals = normals.pixels;
+      if (!image.normals.empty()) {
+        const NormalMapFit fit = fitOf(k, image);
+        image.normals_downwards = fit == NormalMapFit::kDownwards;
+        if (fit == NormalMapFit::kNone) {
+          leaveOut("expected normals in tangent space, found some that point into the surface",
+                   mesh_.images[k].normals.file);
+          normals = {};
+          image.normals_width = image.normals_height = 0;
+          image.normals = {};
+        }
+      }
+      image.has_file = !out_.jpegs[k].empty() && (normals.pixels.empty() || !out_.normal_jpegs[k].empty());
+    }
+    keepNormalsOfMaps();
+  }
+  // The mesh's own normals are there for maps of normals alone.
+  void keepNormalsOfMaps() {
+    const auto hasMap = [](const MeshBake::Image& image) { return !image.normals.empty(); };
+    if (std::none_of(out_.images.begin(), out_.images.end(), hasMap)) mesh_.corner_normals = {};
+    for (size_t t = 0; t < mesh_.corner_normals.size(); ++t) {
+      const size_t image = mesh_.image_of.empty() ? 0 : mesh_.image_of[t];
+      if (image >= out_.images.size() || !hasMap(out_.images[image])) mesh_.corner_normals[t] = {};
+    }
+  }
+
   Result<void> addOwn(const MeshImage& own) {
     if (!own.palette.empty()) {
       add(paletteImage(own.palette), own);
       return {};
     }
-    if (!own.bytes && !a_.allow_outside)
-      if (auto beside = checkBesideMesh(a_.mesh, own.path, "the image"); !beside) return beside;
-    auto image = own.bytes ? readInnerImage(a_, *own.bytes) : readImage8(own.path, a_.images);
+    if (!own.file.isThere()) {
+      addPlain(own);
+      return {};
+    }
+    if (auto beside = checkBeside(own.file); !beside) return beside;
+    auto image = readFile(own.file);
     if (image.ok()) {
       ++read_;
       add(std::move(*image), own);
@@ -172,10 +236,22 @@ class TextureReader {
     Error error = image.error();
     error.hint = "the mesh shows it; --texture FILE names another, --texture none builds without";
     std::error_code unknown;
-    if (own.bytes || std::filesystem::exists(own.path, unknown)) return error;
+    if (own.file.bytes || std::filesystem::exists(own.file.path, unknown)) return error;
     if (++missing_ == 1) first_missing_ = error;
     add(paletteImage({kMissing}), {.palette = {kMissing}});
     return {};
+  }
+
+  // The colour of a material without an image. One grey for all is none, as of scans without any colour.
+  void addPlain(MeshImage own) {
+    const auto isAlike = [&](const MeshImage& other) {
+      return !other.file.isThere() && other.palette.empty() && other.tint == own.tint;
+    };
+    const bool grey = own.tint.r == own.tint.g && own.tint.g == own.tint.b;
+    const bool none = grey && std::all_of(mesh_.images.begin(), mesh_.images.end(), isAlike) &&
+                      std::find(mesh_.image_of.begin(), mesh_.image_of.end(), kNoImage) == mesh_.image_of.end();
+    if (none) own.tint = glm::vec3(1);
+    add(paletteImage({glm::u8vec3(none ? kPlainGrey : uint8_t{255})}), own);
   }
 
   // Of a scan without images: of all vertices.
@@ -186,30 +262,106 @@ class TextureReader {
     return one ? std::optional(colours[0]) : std::nullopt;
   }
 
+  Result<void> checkBeside(const ImageFile& file) const {
+    return file.bytes || a_.allow_outside ? Result<void>() : checkBesideMesh(a_.mesh, file.path, "the image");
+  }
+  Result<Image8> readFile(const ImageFile& file) const {
+    return file.bytes ? readInnerImage(a_, *file.bytes) : readImage8(file.path, a_.images);
+  }
+  void addSource(const ImageFile& file) {
+    if (!file.path.empty() && paths_.insert(file.path).second)
+      out_.sources.push_back(FileProvenance(file.path, true).get());
+  }
+
   // The limit holds for all together: each is made as much smaller as the others.
   void add(Image8 image, const MeshImage& own) {
     const bool palette = !own.palette.empty();
     if (image.channels == 2 || image.channels == 4)
-      if (++with_alpha_ == 1) first_with_alpha_ = own.path.empty() ? a_.mesh : own.path;
+      if (++with_alpha_ == 1) first_with_alpha_ = own.file.path.empty() ? a_.mesh : own.file.path;
     toThreeChannels(image);
     multiply(image, own.tint);
     for (int k = 0; k < halvings_ && !palette; ++k) halve(image);
     out_.images.push_back({.repeats = own.repeats, .palette = palette});
-    out_.jpegs.push_back(palette ? std::vector<uint8_t>() : jpegOf(image, own.path, own.bytes.get()));
+    out_.jpegs.push_back(palette || !own.file.isThere() ? std::vector<uint8_t>()
+                                                        : jpegOf(image, own.file.path, own.file.bytes.get()));
     out_.pixels.push_back(std::move(image));
-    if (!own.path.empty() && paths_.insert(own.path).second)
-      out_.sources.push_back(FileProvenance(own.path, true).get());
+    out_.normal_pixels.emplace_back();
+    out_.normal_jpegs.emplace_back();
+    addSource(own.file);
+    if (!palette && own.normals.file.isThere()) addNormals(own.normals);
     const uint64_t most = std::max(a_.package.memory_budget_bytes / 3, a_.images.decodedLimit());
-    while (out_.images.size() > 1 && bytes() > most && halvings_ < kMostHalvings) {
+    while (read_ + with_normals_ > 1 && bytes() > most && halvings_ < kMostHalvings) {
       ++halvings_;
-      for (size_t i = 0; i < out_.pixels.size(); ++i)
+      for (size_t i = 0; i < out_.pixels.size(); ++i) {
         if (!out_.images[i].palette) halve(out_.pixels[i]), out_.jpegs[i].clear();
+        halveNormals(i);
+      }
     }
   }
   uint64_t bytes() const {
     uint64_t sum = 0;
-    for (const Image8& image : out_.pixels) sum += image.pixels.size();
+    for (const auto* images : {&out_.pixels, &out_.normal_pixels})
+      for (const Image8& image : *images) sum += image.pixels.size();
     return sum;
+  }
+
+  NormalMapFit fitOf(size_t k, const MeshBake::Image& image) {
+    const bool any_without = mesh_.corner_normals.empty() ||
+                             std::any_of(mesh_.corner_normals.begin(), mesh_.corner_normals.end(), [](const auto& of) {
+                               return std::find(of.begin(), of.end(), glm::vec3(0)) != of.end();
+                             });
+    if (any_without && vertex_normals_.empty())
+      makeVertexNormals(mesh_, a_.package.workers, &interruptedFlag(), vertex_normals_);
+    return normalMapFit(mesh_, static_cast<uint16_t>(k), image, mesh_.images[k].normals.y, vertex_normals_);
+  }
+
+  // Of the last image.
+  void addNormals(const NormalMap& map) {
+    if (auto beside = checkBeside(map.file); !beside) {
+      leaveOut(beside.error().message, map.file);
+      return;
+    }
+    auto image = readFile(map.file);
+    if (!image) {
+      leaveOut(image.error().message, map.file);
+      return;
+    }
+    toThreeChannels(*image);
+    if (map.may_be_bumps && !hasNormals(*image)) {
+      leaveOut("expected normals, found a map of bumps", map.file);
+      return;
+    }
+    scaleNormals(*image, map.scale);
+    out_.normal_jpegs.back() = jpegOf(*image, map.file.path, map.file.bytes.get());
+    out_.normal_pixels.back() = std::move(*image);
+    ++with_normals_;
+    addSource(map.file);
+    for (int k = 0; k < halvings_; ++k) halveNormals(out_.images.size() - 1);
+  }
+  void leaveOut(const std::string& why, const ImageFile& map) {
+    if (++left_out_ == 1) first_left_out_ = (map.path.empty() ? a_.mesh + ", the image in it" : map.path) + ": " + why;
+  }
+  void halveNormals(size_t i) {
+    if (out_.normal_pixels[i].pixels.empty()) return;
+    halve(out_.normal_pixels[i]);
+    out_.normal_jpegs[i].clear();
+  }
+  // With images alone there may be as few as that, or more, so that patches cannot show them anyway.
+  void shrinkNormals() {
+    const auto texels = [](const std::vector<Image8>& images) {
+      uint64_t sum = 0;
+      for (const Image8& image : images) sum += image.pixels.size() / 3;
+      return sum;
+    };
+    const uint64_t of_images = texels(out_.pixels);
+    while (of_images <= kMostShownTexels && of_images + texels(out_.normal_pixels) > kMostShownTexels) {
+      const auto largest =
+          std::max_element(out_.normal_pixels.begin(), out_.normal_pixels.end(),
+                           [](const Image8& a, const Image8& b) { return a.pixels.size() < b.pixels.size(); });
+      if (largest->pixels.size() <= 3) return;
+      halveNormals(static_cast<size_t>(largest - out_.normal_pixels.begin()));
+      normals_are_smaller_ = true;
+    }
   }
 
   void warnOfWhatIsLost() const {
@@ -218,9 +370,13 @@ class TextureReader {
     if (missing_ > 0)
       warn(first_missing_.file + further(missing_) +
            ": not found; what shows it is grey (--texture none builds without images)");
+    if (left_out_ > 0) warn(first_left_out_ + further(left_out_) + "; its normals are not used");
+    if (normals_are_smaller_)
+      warn(a_.mesh + ": its maps of normals are made smaller; images may have " +
+           std::to_string(kMostShownTexels >> 20) + " Mi texels together");
     if (halvings_ > 0)
-      warn(a_.mesh + ": its " + std::to_string(read_) + " images are read at 1/" + std::to_string(1 << halvings_) +
-           " of their width and height; more --memory-mib keeps more of them");
+      warn(a_.mesh + ": its " + std::to_string(read_ + with_normals_) + " images are read at 1/" +
+           std::to_string(1 << halvings_) + " of their width and height; more --memory-mib keeps more of them");
   }
 
   static constexpr glm::u8vec3 kMissing{204, 204, 204};
@@ -229,16 +385,18 @@ class TextureReader {
   TriMesh& mesh_;
   SurfaceImage out_;
   std::set<std::string> paths_;
-  size_t read_ = 0, missing_ = 0, with_alpha_ = 0;
+  size_t read_ = 0, missing_ = 0, with_alpha_ = 0, with_normals_ = 0, left_out_ = 0;
   Error first_missing_;
-  std::string first_with_alpha_;
+  std::string first_with_alpha_, first_left_out_;
   int halvings_ = 0;
+  bool normals_are_smaller_ = false;
+  std::vector<glm::vec3> vertex_normals_;
 };
 
 // The coordinates belong to the image that the mesh names: a PTM of other proportions was taken otherwise.
 Result<void> checkProportions(const MeshBuildArguments& a, const TriMesh& mesh, int64_t width, int64_t height) {
   if (a.texture == "none" || mesh.images.empty()) return {};
-  const std::string& path = mesh.images[0].path;
+  const std::string& path = mesh.images[0].file.path;
   if (mesh.images.size() > 1)
     return Error{ErrorKind::kInvalidData,
                  a.ptm,
@@ -311,7 +469,9 @@ Result<SurfaceImage> readPtmPlanes(const MeshBuildArguments& a, const TriMesh& m
 }  // namespace
 
 Result<SurfaceImage> readSurfaceImage(const MeshBuildArguments& a, TriMesh& mesh) {
-  return a.ptm.empty() ? TextureReader(a, mesh).read() : readPtmPlanes(a, mesh);
+  if (a.ptm.empty()) return TextureReader(a, mesh).read();
+  mesh.corner_normals = {};
+  return readPtmPlanes(a, mesh);
 }
 
 }  // namespace relievo

@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <array>
+#include <bit>
 #include <cmath>
 #include <utility>
 #include <vector>
@@ -191,9 +192,15 @@ ColourNormal TexelBaker::colourNormalAt(const SurfacePoint& at) const {
         out[c] += w[k] * static_cast<float>(context.mesh->colours[t[k]][static_cast<int>(c)]);
     }
   }
+  // In its tangent frame: x, y, z.
+  std::array<float, 3> mapped{127.5f, 127.5f, 255};
+  const TangentFrame plain, &frame = texture.frames.empty() ? plain : texture.frames[at.triangle];
+  if (frame.isKnown()) texture.imageOf(*context.mesh, at.triangle)->normals.sample(textureCoordinatesAt(at), 0, mapped);
+  for (float& v : mapped) v = v / 127.5f - 1;
   glm::vec3 n(0);
-  const auto& corners = context.normals->ofTriangle(*context.mesh, at.triangle);
-  for (size_t k = 0; k < 3; ++k) n += w[k] * context.normals->normals[corners[k]];
+  const auto normals = shadingNormals(*context.mesh, *context.normals, at.triangle);
+  for (size_t k = 0; k < 3; ++k)
+    n += w[k] * (mapped[0] * frame.tangent[k] + mapped[1] * frame.bitangent(normals[k], k) + mapped[2] * normals[k]);
   if (!(glm::length(n) > 1e-3f))
     n = glm::cross(context.mesh->positions_mm[t[1]] - context.mesh->positions_mm[t[0]],
                    context.mesh->positions_mm[t[2]] - context.mesh->positions_mm[t[0]]);
@@ -399,6 +406,47 @@ bool TexelBaker::sharpenCells(const PatchLines& lines, const SampleGrid& grid, c
 }
 
 }  // namespace
+
+namespace {
+
+// Hardly ever the same for two.
+uint32_t numberOf(const glm::vec3& normal) {
+  uint32_t number = 0;
+  for (int axis = 0; axis < 3; ++axis) number = number * 0x9E3779B1u ^ std::bit_cast<uint32_t>(normal[axis]);
+  return number;
+}
+
+}  // namespace
+
+std::vector<TangentFrame> tangentFrames(const BakeContext& context, const BakeTexture& texture) {
+  const auto hasNormals = [](const BakeTexture::Image& image) { return !image.normals.empty(); };
+  if (std::none_of(texture.images.begin(), texture.images.end(), hasNormals)) return {};
+  const TriMesh& mesh = *context.mesh;
+  TangentFrames frames;
+  frames.reserve(mesh.triangles.size());
+  for (uint32_t t = 0; t < mesh.triangles.size(); ++t) {
+    const BakeTexture::Image* image = texture.imageOf(mesh, t);
+    if (!image || !hasNormals(*image)) {
+      frames.addNone();
+      continue;
+    }
+    const auto number = static_cast<uint32_t>(image - texture.images.data());
+    const auto normals = shadingNormals(mesh, *context.normals, t);
+    MappedTriangle triangle;
+    triangle.downwards = image->normals_downwards;
+    for (size_t k = 0; k < 3; ++k) {
+      const uint32_t vertex = mesh.triangles[t][k];
+      const glm::vec2& uv = mesh.corner_uv[t][k];
+      triangle.position[k] = glm::dvec3(mesh.positions_mm[vertex]);
+      triangle.normal[k] = normals[k];
+      triangle.place[k] = glm::dvec2(uv) * glm::dvec2(image->places);
+      triangle.corner[k] = {vertex, std::bit_cast<uint32_t>(uv.x), std::bit_cast<uint32_t>(uv.y), number,
+                            numberOf(normals[k])};
+    }
+    frames.add(triangle);
+  }
+  return std::move(frames).finish();
+}
 
 bool bakeTexels(const BakeContext& context, const BakedHeights& baked, const BakeTexture& texture, double deviation_mm,
                 uint32_t patch, std::span<uint8_t> out) {

@@ -15,6 +15,7 @@
 #include "geometry/bake/baked_heights.h"
 #include "geometry/bake/mip_image.h"
 #include "src/artwork/patch_domain.h"
+#include "src/artwork/tangent_frames.h"
 
 namespace relievo {
 
@@ -34,6 +35,9 @@ struct BakeTexture {
     bool palette = false;   // of colours that whole triangles have
     bool has_file = false;  // MeshBake::Image::has_file
     bool shown = false;     // by patches themselves
+    MipImage normals;       // MeshBake::Image::normals; or empty
+    bool normals_downwards = false;
+    glm::ivec2 places{0};  // texels of image or normals, along x and along y, whichever has more
   };
   std::vector<Image> images;  // that TriMesh::image_of names
   bool planes = false;        // the channels of the one image become the texture, in place of colour and normal
@@ -48,10 +52,15 @@ struct BakeTexture {
   std::array<glm::vec2, 3> coordinates(const TriMesh& mesh, uint32_t triangle) const {
     return one_colour ? std::array<glm::vec2, 3>{} : mesh.corner_uv[triangle];
   }
+  // Those of the mesh's triangles, where images have maps of normals and patches have texels; or none.
+  std::vector<TangentFrame> frames;
   // texture_resolution.h
   int depth = 0;                          // the largest of all patches, shown ones included
   std::vector<PatchResolution> of_patch;  // one for each
 };
+
+// The frames of triangles whose image has a map of normals. Empty: no image has one.
+std::vector<TangentFrame> tangentFrames(const BakeContext& context, const BakeTexture& texture);
 
 // Fills the texels of one patch. deviation_mm: the distance between baked surface and scan, which bounds the search.
 // False: the bake was interrupted.

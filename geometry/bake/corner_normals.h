@@ -47,6 +47,18 @@ struct CornerNormals {
   std::vector<Run> runs;
 };
 
+// What a triangle's corners are shaded with: the mesh's own normals (TriMesh::corner_normals) where it has some.
+inline std::array<glm::vec3, 3> shadingNormals(const TriMesh& mesh, const CornerNormals& normals, uint32_t triangle) {
+  std::array<glm::vec3, 3> out;
+  const auto& corners = normals.ofTriangle(mesh, triangle);
+  for (size_t k = 0; k < 3; ++k) {
+    out[k] = normals.normals[corners[k]];
+    if (!mesh.corner_normals.empty() && mesh.corner_normals[triangle][k] != glm::vec3(0))
+      out[k] = mesh.corner_normals[triangle][k];
+  }
+  return out;
+}
+
 // False: the call was interrupted, and the normals are incomplete. workers: 0 is one for each core.
 bool makeCornerNormals(const TriMesh& mesh, int workers, const std::atomic<bool>* interrupted, CornerNormals& out);
 

@@ -5,6 +5,7 @@
 #include <chrono>
 #include <cmath>
 #include <functional>
+#include <mutex>
 #include <optional>
 #include <string>
 #include <utility>
@@ -78,6 +79,7 @@ struct MeshBake::Impl {
   BakedHeights baked;
   std::vector<uint16_t> exact;  // as they were baked, where those of `baked` are not
   BakeTexture texture;
+  std::once_flag made_frames;  // of the texture, once texels are asked for
   BakeReport report;
   bool flat = false;                // MeshBake::isFlat()
   std::vector<PatchErrors> errors;  // for each patch, or one for all
@@ -110,6 +112,8 @@ Result<void> validate(const TriMesh& mesh, std::span<const MeshBake::Image> imag
     if (image.planes && mesh.corner_uv.empty()) return usage("the mesh has no texture coordinates for the planes");
     if (image.planes && images.size() > 1) return usage("there are planes beside other images");
     if (!image.planes && image.channels != 3) return usage("an image of colours has three channels");
+    if (!image.normals.empty() && (image.planes || image.palette))
+      return usage("planes, or a palette, have a map of normals");
   }
   for (const uint16_t image : mesh.image_of)
     if (!images.empty() && image != kNoImage && image >= images.size())
@@ -127,9 +131,15 @@ BakeTexture textureOf(const TriMesh& mesh, std::span<const MeshBake::Image> imag
   if (mesh.corner_uv.empty() && !texture.one_colour) return texture;
   for (const MeshBake::Image& image : images) {
     texture.planes = image.planes;
-    texture.images.push_back(
-        {MipImage(image.width, image.height, image.channels, image.texels, image.planes ? 16 : 0, image.repeats),
-         image.palette, image.has_file});
+    BakeTexture::Image& own = texture.images.emplace_back();
+    own.texels =
+        MipImage(image.width, image.height, image.channels, image.texels, image.planes ? 16 : 0, image.repeats);
+    own.palette = image.palette;
+    own.has_file = image.has_file;
+    own.normals_downwards = image.normals_downwards;
+    own.places = {image.placeWidth(), image.placeHeight()};
+    if (!image.normals.empty())
+      own.normals = MipImage(image.normals_width, image.normals_height, 3, image.normals, 0, image.repeats);
   }
   return texture;
 }
@@ -336,7 +346,8 @@ GridErrors MeshBake::errorsOfGrid(uint32_t patch, int cells_log2) const {
 float MeshBake::errorOfGrid(uint32_t patch, int cells_log2) const { return impl_->errorsOf(patch).largest(cells_log2); }
 
 Result<void> MeshBake::texels(uint32_t patch, std::span<uint8_t> out) const {
-  const Impl& b = *impl_;
+  Impl& b = *impl_;
+  std::call_once(b.made_frames, [&] { b.texture.frames = tangentFrames(b.context, b.texture); });
   return bakeTexels(b.context, b.baked, b.texture, b.report.deviation_mm, patch, out) ? Result<void>()
                                                                                       : interruptedError();
 }

@@ -3,6 +3,7 @@
 // Units: mm. Errors: kUsage (options), kInvalidData (mesh or base mesh), kInterrupted.
 #pragma once
 
+#include <algorithm>
 #include <array>
 #include <atomic>
 #include <cstdint>
@@ -146,6 +147,17 @@ class MeshBake {
     // Whole triangles have one of its colours each; of one colour alone no texture coordinates are needed.
     bool palette = false;
     bool has_file = false;  // a file of few bytes, which is kept where patches show the image
+    // A map of normals in tangent space for the same texture coordinates (NormalMap, tri_mesh.h), three channels, of
+    // any size; or none. Not beside planes or palettes.
+    int normals_width = 0, normals_height = 0;
+    std::span<const uint8_t> normals;
+    bool normals_downwards = false;  // y counts downwards in the image
+    // Texture coordinates count by the texels of whichever has more of them.
+    int placeWidth() const { return std::max(width, normals_width); }
+    int placeHeight() const { return std::max(height, normals_height); }
+    double texelsWithNormals() const {
+      return static_cast<double>(width) * height + static_cast<double>(normals_width) * normals_height;
+    }
   };
   // images: those that TriMesh::image_of names, or none. The mesh and the images' bytes are used in place: they must
   // outlive the bake unchanged. scene: made from the mesh, or empty.

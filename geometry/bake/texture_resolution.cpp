@@ -69,7 +69,7 @@ TexelsAcross imageTexelsAcross(const BakeContext& context, const BakeTexture& te
     const BakeTexture::Image* image = texture.imageOf(*context.mesh, at.triangle);
     if (!image || image->palette) continue;
     shown = true;
-    const glm::dvec2 size(image->texels.width(), image->texels.height());
+    const glm::dvec2 size(image->places);
     const TriangleCorners t = cornersOf(*context.mesh, at.triangle);
     const auto& uv = context.mesh->corner_uv[at.triangle];
     const glm::dvec3 e = t.b - t.a, g = t.c - t.a;
@@ -157,24 +157,28 @@ void chooseShownImages(const std::vector<ShowingPatch>& showing, BakeTexture& te
   std::vector<size_t> order;
   // Colours of whole triangles are shown as well where they share a patch with an image.
   auto isPalette = [&](size_t i) { return texture.images[i].palette; };
-  auto own = [&](size_t i) {
-    const MipImage& image = texture.images[i].texels;
-    return static_cast<double>(image.width()) * static_cast<double>(image.height());
+  auto texelsOf = [](const MipImage& image) {
+    return image.empty() ? 0 : static_cast<double>(image.width()) * static_cast<double>(image.height());
   };
+  // As a patch's texels have both, colour and normal.
+  auto own = [&](size_t i) {
+    return std::max(texelsOf(texture.images[i].texels), texelsOf(texture.images[i].normals));
+  };
+  auto inMemory = [&](size_t i) { return texelsOf(texture.images[i].texels) + texelsOf(texture.images[i].normals); };
   double held = 0;
   for (size_t i = 0; i < texels.size(); ++i) {
-    const MipImage& image = texture.images[i].texels;
+    const BakeTexture::Image& image = texture.images[i];
     if (isPalette(i)) held += own(i);
-    else if (texels[i] >= (texture.images[i].has_file ? kOfFile : kOfTexels) * own(i) &&
-             std::max(image.width(), image.height()) <= static_cast<int>(kMostShownSide))
+    else if (texels[i] >= (image.has_file ? kOfFile : kOfTexels) * own(i) &&
+             std::max(image.places.x, image.places.y) <= static_cast<int>(kMostShownSide))
       order.push_back(i);
   }
   std::stable_sort(order.begin(), order.end(),
                    [&](size_t a, size_t b) { return texels[a] * own(b) > texels[b] * own(a); });
   std::vector<uint8_t> may_be_shown(texels.size(), 0);
   for (const size_t i : order) {
-    if (held + own(i) > static_cast<double>(kMostShownTexels)) continue;
-    held += own(i);
+    if (held + inMemory(i) > static_cast<double>(kMostShownTexels)) continue;
+    held += inMemory(i);
     may_be_shown[i] = 1;
   }
   for (const ShowingPatch& s : showing) {
@@ -206,8 +210,7 @@ std::optional<ShowingPatch> showingPatch(const BakeContext& context, const BakeT
   for (size_t half = 0; half < 2; ++half)
     for (const glm::dvec2& uv : on.uv[half]) {
       if (images[half] == kNoImage) break;
-      const MipImage& image = texture.images[images[half]].texels;
-      const glm::dvec2 place = glm::abs(uv * glm::dvec2(image.width(), image.height()));
+      const glm::dvec2 place = glm::abs(uv * glm::dvec2(texture.images[images[half]].places));
       if (!(place.x <= kMostPlaces && place.y <= kMostPlaces)) return std::nullopt;
     }
   return ShowingPatch{patch, static_cast<int8_t>(depth.value_or(halvesDiffer(on) ? 0 : kNoTexturePage)), images};
@@ -247,7 +250,7 @@ ImagesOnPatch imagesOnPatch(const BakeContext& context, const BakeTexture& textu
     const TriangleCorners t = cornersOf(*context.mesh, triangle);
     const auto uv = image ? texture.coordinates(*context.mesh, triangle) : std::array<glm::vec2, 3>{};
     const auto colours = coloursOf(*context.mesh, triangle);
-    const auto& normals = context.normals->ofTriangle(*context.mesh, triangle);
+    const std::array<glm::vec3, 3> normals = shadingNormals(*context.mesh, *context.normals, triangle);
     const glm::dvec3 e = t.b - t.a, g = t.c - t.a;
     const double ee = glm::dot(e, e), eg = glm::dot(e, g), gg = glm::dot(g, g), det = ee * gg - eg * eg;
     const std::array<glm::dvec3, 3> corners = context.cornersOfHalf(patch, half);
@@ -257,9 +260,8 @@ ImagesOnPatch imagesOnPatch(const BakeContext& context, const BakeTexture& textu
                    c = det > 0 ? (glm::dot(p, g) * ee - glm::dot(p, e) * eg) / det : 0;
       on.uv[half][k] = glm::dvec2(uv[0]) + b * glm::dvec2(uv[1] - uv[0]) + c * glm::dvec2(uv[2] - uv[0]);
       if (!image) on.colour[half][k] = glm::vec3((1 - b - c) * colours[0] + b * colours[1] + c * colours[2]);
-      const glm::dvec3 normal = (1 - b - c) * glm::dvec3(context.normals->normals[normals[0]]) +
-                                b * glm::dvec3(context.normals->normals[normals[1]]) +
-                                c * glm::dvec3(context.normals->normals[normals[2]]);
+      const glm::dvec3 normal =
+          (1 - b - c) * glm::dvec3(normals[0]) + b * glm::dvec3(normals[1]) + c * glm::dvec3(normals[2]);
       const bool any = glm::length(normal) > 1e-3;
       on.normal[half][k] = glm::vec3(glm::normalize(any ? normal : glm::cross(e, g)));
     }

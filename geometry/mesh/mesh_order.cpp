@@ -101,6 +101,7 @@ bool orderTriangles(TriMesh& mesh, int workers, const std::atomic<bool>* interru
   };
   moved(mesh.triangles);
   if (!mesh.corner_uv.empty()) moved(mesh.corner_uv);
+  if (!mesh.corner_normals.empty()) moved(mesh.corner_normals);
   if (!mesh.image_of.empty()) moved(mesh.image_of);
   return true;
 }

@@ -285,6 +285,7 @@ Result<void> GltfBuffers::decodeDraco(const GltfPrimitive& p, const std::string&
     accessors.push_back(accessor);
   };
   add(p.positions, p.draco->positions), add(p.colours, p.draco->colours), add(p.uv, p.draco->uv);
+  add(p.normals, p.draco->normals), add(p.tangents, p.draco->tangents);
   const size_t attributes = parts.size();
   add(p.indices, kNoIndex);
   if (parts.empty()) return {};

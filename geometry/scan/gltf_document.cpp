@@ -273,7 +273,13 @@ class DocumentParser {
       GltfMaterial material;
       material.name = p_.text(m, where, "name");
       material.name.resize(std::min<size_t>(material.name.size(), 100));
-      material.normal_map = p_.find(m, "normalTexture") != nullptr;
+      if (const Json* normals = p_.find(m, "normalTexture")) {
+        material.normals = mapOf(*normals, where + ".normalTexture");
+        if (const Json* scale = p_.find(*normals, "scale")) {
+          if (!scale->is_number()) return p_.note("expected " + where + ".normalTexture.scale to be a number");
+          material.normal_scale = scale->get<double>();
+        }
+      }
       const Json* extensions = p_.find(m, "extensions");
       if (const Json* gloss = extensions ? p_.find(*extensions, "KHR_materials_pbrSpecularGlossiness") : nullptr)
         baseColour(*gloss, where + ".extensions.KHR_materials_pbrSpecularGlossiness", "diffuseFactor", "diffuseTexture",
@@ -287,23 +293,26 @@ class DocumentParser {
                   GltfMaterial& material) {
     std::array<double, 4> colour{};
     if (p_.numbers(from, in, factor, colour)) material.colour = {colour[0], colour[1], colour[2]};
-    if (const Json* texture = p_.find(from, image)) textureOf(*texture, in + "." + image, material);
+    if (const Json* texture = p_.find(from, image)) material.colours = mapOf(*texture, in + "." + image);
   }
-  void textureOf(const Json& texture, const std::string& where, GltfMaterial& material) {
-    material.texture = p_.index(texture, where, "index", out_.textures.size());
-    material.uv_set = static_cast<int>(p_.integer(texture, where, "texCoord", 255, 0));
+  GltfMap mapOf(const Json& texture, const std::string& where) {
+    GltfMap map;
+    GltfPlacement& placement = map.placement;
+    map.texture = p_.index(texture, where, "index", out_.textures.size());
+    placement.uv_set = static_cast<int>(p_.integer(texture, where, "texCoord", 255, 0));
     const Json* extensions = p_.find(texture, "extensions");
     const Json* turn = extensions ? p_.find(*extensions, "KHR_texture_transform") : nullptr;
-    if (!turn) return;
+    if (!turn) return map;
     std::array<double, 2> pair{};
-    if (p_.numbers(*turn, where, "offset", pair)) material.uv_offset = {pair[0], pair[1]};
-    if (p_.numbers(*turn, where, "scale", pair)) material.uv_scale = {pair[0], pair[1]};
+    if (p_.numbers(*turn, where, "offset", pair)) placement.offset = {pair[0], pair[1]};
+    if (p_.numbers(*turn, where, "scale", pair)) placement.scale = {pair[0], pair[1]};
     if (const Json* angle = p_.find(*turn, "rotation")) {
-      if (!angle->is_number()) return p_.note("expected " + where + ".rotation to be a number");
-      material.uv_turn = angle->get<double>();
+      if (angle->is_number()) placement.turn = angle->get<double>();
+      else p_.note("expected " + where + ".rotation to be a number");
     }
-    material.uv_set =
-        static_cast<int>(p_.integer(*turn, where, "texCoord", 255, static_cast<uint64_t>(material.uv_set)));
+    placement.uv_set =
+        static_cast<int>(p_.integer(*turn, where, "texCoord", 255, static_cast<uint64_t>(placement.uv_set)));
+    return map;
   }
 
   void meshes() {
@@ -319,7 +328,14 @@ class DocumentParser {
         if (const Json* attributes = p_.find(p, "attributes")) {
           primitive.positions = p_.index(*attributes, in + ".attributes", "POSITION", accessors);
           primitive.colours = p_.index(*attributes, in + ".attributes", "COLOR_0", accessors);
-          const int set = p_.failed() || primitive.material == kNoIndex ? 0 : out_.materials[primitive.material].uv_set;
+          const GltfMaterial plain;
+          const GltfMaterial& material =
+              p_.failed() || primitive.material == kNoIndex ? plain : out_.materials[primitive.material];
+          const int set = material.placement().uv_set;
+          if (material.normals.texture != kNoIndex) {
+            primitive.normals = p_.index(*attributes, in + ".attributes", "NORMAL", accessors);
+            primitive.tangents = p_.index(*attributes, in + ".attributes", "TANGENT", accessors);
+          }
           const std::string name = "TEXCOORD_" + std::to_string(set);
           primitive.uv = p_.index(*attributes, in + ".attributes", name.c_str(), accessors);
           if (const Json* extensions = p_.find(p, "extensions"))
@@ -342,6 +358,7 @@ class DocumentParser {
       return p_.index(*attributes, where + ".attributes", name.c_str(), kNoIndex);
     };
     out.positions = number("POSITION"), out.colours = number("COLOR_0"), out.uv = number(uv);
+    out.normals = number("NORMAL"), out.tangents = number("TANGENT");
     return out;
   }
 

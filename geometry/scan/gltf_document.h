@@ -60,24 +60,36 @@ struct GltfTexture {
   uint32_t image = kNoIndex;  // none that this program reads
   bool repeats = true;
 };
-struct GltfMaterial {
-  glm::dvec3 colour{1};  // linear light; the base colour, or the diffuse one of KHR_materials_pbrSpecularGlossiness
-  uint32_t texture = kNoIndex;
+// Which texture coordinates an image has.
+struct GltfPlacement {
   int uv_set = 0;
   // KHR_texture_transform: uv -> offset + turned(scale * uv).
-  glm::dvec2 uv_offset{0}, uv_scale{1};
-  double uv_turn = 0;
-  bool normal_map = false;  // it has one
+  glm::dvec2 offset{0}, scale{1};
+  double turn = 0;
+  bool operator==(const GltfPlacement&) const = default;
+};
+struct GltfMap {
+  uint32_t texture = kNoIndex;
+  GltfPlacement placement;
+};
+struct GltfMaterial {
+  glm::dvec3 colour{1};  // linear light; the base colour, or the diffuse one of KHR_materials_pbrSpecularGlossiness
+  GltfMap colours, normals;
+  double normal_scale = 1;
   std::string name;
+  // Of the images that are read: the colours', or where there are none the normals'.
+  const GltfPlacement& placement() const { return (colours.texture == kNoIndex ? normals : colours).placement; }
 };
 struct GltfPrimitive {
   enum class Mode : uint8_t { kPoints, kLines, kLineLoop, kLineStrip, kTriangles, kStrip, kFan };
   uint32_t positions = kNoIndex, colours = kNoIndex, uv = kNoIndex, indices = kNoIndex, material = kNoIndex;
+  uint32_t normals = kNoIndex, tangents = kNoIndex;  // where its material has a map of normals, which counts from them
   Mode mode = Mode::kTriangles;
   bool morphs = false;
   // KHR_draco_mesh_compression: the view of the code, and the attributes' numbers in it.
   struct Draco {
-    uint32_t view = kNoIndex, positions = kNoIndex, colours = kNoIndex, uv = kNoIndex;
+    uint32_t view = kNoIndex, positions = kNoIndex, colours = kNoIndex, uv = kNoIndex, normals = kNoIndex,
+             tangents = kNoIndex;
   };
   std::optional<Draco> draco;
 };

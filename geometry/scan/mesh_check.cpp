@@ -13,6 +13,8 @@ std::string triMeshProblem(const TriMesh& mesh) {
     return "colours of " + std::to_string(mesh.colours.size()) + " vertices";
   if (!mesh.corner_uv.empty() && mesh.corner_uv.size() != triangles)
     return "texture coordinates of " + std::to_string(mesh.corner_uv.size()) + " triangles";
+  if (!mesh.corner_normals.empty() && mesh.corner_normals.size() != triangles)
+    return "normals of " + std::to_string(mesh.corner_normals.size()) + " triangles";
   if (!mesh.image_of.empty() && mesh.image_of.size() != triangles)
     return "images of " + std::to_string(mesh.image_of.size()) + " triangles";
   for (size_t t = 0; t < mesh.image_of.size(); ++t)
@@ -28,6 +30,10 @@ std::string triMeshProblem(const TriMesh& mesh) {
     for (const glm::vec2& uv : mesh.corner_uv[t])
       if (!std::isfinite(uv.x) || !std::isfinite(uv.y))
         return "texture coordinates of triangle " + std::to_string(t) + " are not finite";
+  for (size_t t = 0; t < mesh.corner_normals.size(); ++t)
+    for (const glm::vec3& n : mesh.corner_normals[t])
+      if (n != glm::vec3(0) && !(std::abs(glm::length(n) - 1) < 1e-5f))
+        return "normals of triangle " + std::to_string(t) + " have another length than 1";
   std::vector<bool> used(vertices);
   std::vector<std::array<uint32_t, 2>> edges;
   edges.reserve(3 * triangles);

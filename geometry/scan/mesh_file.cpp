@@ -127,14 +127,21 @@ std::string_view unitOfComment(std::string_view comment) {
 
 void FaceCutter::emit(size_t a, size_t b, size_t c) {
   mesh_.triangles.push_back({corners_[a], corners_[b], corners_[c]});
-  if (uv_.empty()) return;
-  mesh_.corner_uv.resize(mesh_.triangles.size() - 1);  // faces before this one may have had none
-  mesh_.corner_uv.push_back({uv_[a], uv_[b], uv_[c]});
+  // Faces before this one may have had none.
+  const auto put = [&](auto& of_mesh, const auto& of_corners) {
+    if (of_corners.empty()) return;
+    of_mesh.resize(mesh_.triangles.size() - 1);
+    of_mesh.push_back({of_corners[a], of_corners[b], of_corners[c]});
+  };
+  put(mesh_.corner_uv, uv_);
+  put(mesh_.corner_normals, normals_);
 }
 
-void FaceCutter::add(std::span<const uint32_t> corners, std::span<const glm::vec2> uv) {
+void FaceCutter::add(std::span<const uint32_t> corners, std::span<const glm::vec2> uv,
+                     std::span<const glm::vec3> normals) {
   corners_ = corners;
   uv_ = uv;
+  normals_ = normals;
   size_t n = corners.size();
   if (n < 3) {
     ++dropped_;

@@ -47,12 +47,14 @@ struct RawMesh {
   std::vector<glm::u8vec3> colours;                // a position; or empty
   std::vector<glm::vec3> float_colours;  // instead, where the file's are not bytes: 0..1, or 0..255 if any is above 1
   std::vector<std::array<glm::vec2, 3>> corner_uv;  // a triangle; or empty
-  std::vector<glm::u8vec3> face_colours;            // a triangle; or empty: where there is no image, they become one
-  std::vector<MeshImage> images;                    // see tri_mesh.h
-  std::vector<uint16_t> image_of;                   // see tri_mesh.h
-  bool texture_repeats = false;                     // beyond 0..1, as the format has it, where no image says otherwise
-  std::vector<std::string> named_files;             // images and material files, as the file names them
-  uint64_t vertices_read = 0;                       // as the file counts
+  // A triangle, of any length, or 0 where there are none; or empty. Of materials with a map of normals only.
+  std::vector<std::array<glm::vec3, 3>> corner_normals;
+  std::vector<glm::u8vec3> face_colours;  // a triangle; or empty: where there is no image, they become one
+  std::vector<MeshImage> images;          // see tri_mesh.h
+  std::vector<uint16_t> image_of;         // see tri_mesh.h
+  bool texture_repeats = false;           // beyond 0..1, as the format has it, where no image says otherwise
+  std::vector<std::string> named_files;   // images and material files, as the file names them
+  uint64_t vertices_read = 0;             // as the file counts
   std::vector<MeshFinding> findings;
   std::string unit;  // that the file states: mm, cm, m or in; or empty
 };
@@ -61,13 +63,14 @@ struct RawMesh {
 std::string_view unitOfComment(std::string_view comment);
 
 // Appends a face of the file as triangles. A polygon of up to 64 corners loses ear after ear (it may be concave), a
-// larger one is a fan from its first corner, so that time stays linear in the file. uv: one a corner or none; faces of
-// fewer than 3 corners are counted in dropped. Corners that are not known yet (an OBJ may name vertices before it gives
-// them) make a fan, too.
+// larger one is a fan from its first corner, so that time stays linear in the file. uv, normals: one a corner or none;
+// faces of fewer than 3 corners are counted in dropped. Corners that are not known yet (an OBJ may name vertices before
+// it gives them) make a fan, too.
 class FaceCutter {
  public:
   explicit FaceCutter(RawMesh& mesh) : mesh_(mesh) {}
-  void add(std::span<const uint32_t> corners, std::span<const glm::vec2> uv = {});
+  void add(std::span<const uint32_t> corners, std::span<const glm::vec2> uv = {},
+           std::span<const glm::vec3> normals = {});
   uint64_t dropped() const { return dropped_; }
 
  private:
@@ -75,6 +78,7 @@ class FaceCutter {
   RawMesh& mesh_;
   std::span<const uint32_t> corners_;
   std::span<const glm::vec2> uv_;
+  std::span<const glm::vec3> normals_;
   std::vector<uint32_t> left_;
   uint64_t dropped_ = 0;
 };

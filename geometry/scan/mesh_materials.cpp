@@ -49,15 +49,22 @@ uint16_t addImage(RawMesh& mesh, MeshImage image) {
   return static_cast<uint16_t>(mesh.images.size() - 1);
 }
 
+uint16_t shareImage(RawMesh& mesh, MeshImage image) {
+  if (!image.file.isThere() && !image.normals.file.isThere()) return kNoImage;
+  const auto same = std::find(mesh.images.begin(), mesh.images.end(), image);
+  return same != mesh.images.end() ? static_cast<uint16_t>(same - mesh.images.begin())
+                                   : addImage(mesh, std::move(image));
+}
+
 void useMaterials(RawMesh& mesh, std::span<const MaterialRun> of_file, const MeshReadOptions& options) {
   std::vector<MaterialRun> runs(of_file.begin(), of_file.end());
   if (mesh.corner_uv.empty() && !mesh.images.empty()) {
     for (MaterialRun& run : runs) run.image = kNoImage;
     const auto named = std::find_if(mesh.images.begin(), mesh.images.end(),
-                                    [](const MeshImage& image) { return !image.path.empty(); });
+                                    [](const MeshImage& image) { return !image.file.path.empty(); });
     if (named != mesh.images.end())
       mesh.findings.push_back(
-          {"images without texture coordinates (" + named->path + ")", mesh.images.size(), {}, "not used"});
+          {"images without texture coordinates (" + named->file.path + ")", mesh.images.size(), {}, "not used"});
   }
   orderImages(mesh, runs);
   const auto has_image = [](const MaterialRun& run) { return run.image != kNoImage; };

@@ -73,12 +73,14 @@ void dropNoNumbers(RawMesh& raw, uint64_t count) {
     if (!std::all_of(of.begin(), of.end(), [&](uint32_t v) { return areNumbers(raw.positions[v]); })) continue;
     raw.triangles[kept] = of;
     if (t < raw.corner_uv.size()) raw.corner_uv[kept] = raw.corner_uv[t];
+    if (t < raw.corner_normals.size()) raw.corner_normals[kept] = raw.corner_normals[t];
     if (t < raw.image_of.size()) raw.image_of[kept] = raw.image_of[t];
     ++kept;
   }
   const size_t dropped = raw.triangles.size() - kept;
   raw.triangles.resize(kept);
   if (raw.corner_uv.size() > kept) raw.corner_uv.resize(kept);
+  if (raw.corner_normals.size() > kept) raw.corner_normals.resize(kept);
   if (raw.image_of.size() > kept) raw.image_of.resize(kept);
   for (glm::dvec3& p : raw.positions)
     if (!areNumbers(p)) p = glm::dvec3(0);  // of no triangle
@@ -99,6 +101,22 @@ std::vector<glm::u8vec3> bytesOf(const std::vector<glm::vec3>& colours) {
   return out;
 }
 
+glm::vec3 unitOrNone(const glm::dvec3& normal) {
+  const double length = glm::length(normal);
+  return length > 0 && std::isfinite(length) ? glm::vec3(normal / length) : glm::vec3(0);
+}
+
+// Only those that lean outwards, as its triangles are in the end.
+void dropInwardNormals(TriMesh& mesh) {
+  for (size_t t = 0; t < mesh.corner_normals.size(); ++t) {
+    const auto& [a, b, c] = mesh.triangles[t];
+    const glm::vec3& p = mesh.positions_mm[a];
+    const glm::vec3 outwards = glm::cross(mesh.positions_mm[b] - p, mesh.positions_mm[c] - p);
+    for (glm::vec3& n : mesh.corner_normals[t])
+      if (!(glm::dot(n, outwards) > 0)) n = glm::vec3(0);
+  }
+}
+
 Result<LoadedMesh> finish(RawMesh raw, const std::string& name, const MeshReadOptions& options) {
   LoadedMesh out;
   out.named_files = std::move(raw.named_files);
@@ -109,6 +127,8 @@ Result<LoadedMesh> finish(RawMesh raw, const std::string& name, const MeshReadOp
   if (!raw.unit.empty()) out.unit = raw.unit;
   if (options.turn != glm::dmat3(1))
     for (glm::dvec3& p : raw.positions) p = options.turn * p;
+  for (auto& of_triangle : raw.corner_normals)
+    for (glm::vec3& n : of_triangle) n = unitOrNone(options.turn * glm::dvec3(n));
   if (!raw.face_colours.empty()) paintFaces(raw);
   const Error interrupted{ErrorKind::kInterrupted, name, "interrupted", "", {}};
   uint64_t no_numbers = 0;
@@ -145,6 +165,8 @@ Result<LoadedMesh> finish(RawMesh raw, const std::string& name, const MeshReadOp
   std::vector<glm::vec3>().swap(raw.float_colours);
   mesh.corner_uv = std::move(raw.corner_uv);
   if (!mesh.corner_uv.empty()) mesh.corner_uv.resize(mesh.triangles.size());
+  mesh.corner_normals = std::move(raw.corner_normals);
+  if (!mesh.corner_normals.empty()) mesh.corner_normals.resize(mesh.triangles.size());
   mesh.images = std::move(raw.images);
   mesh.image_of = std::move(raw.image_of);
   mesh.texture_repeats = raw.texture_repeats;
@@ -179,6 +201,7 @@ Result<LoadedMesh> finish(RawMesh raw, const std::string& name, const MeshReadOp
   if (auto repaired = repairTriangles(mesh, out.diagnosis, name, progress, options.interrupted, options.workers);
       !repaired)
     return repaired.error();
+  dropInwardNormals(mesh);
   if (options.keep_units) {
     out.diagnosis.min_mm *= unit;
     out.diagnosis.max_mm *= unit;
@@ -234,7 +257,10 @@ Result<LoadedMesh> readMesh(const std::string& path, const MeshReadOptions& opti
     if (!named.empty() && std::filesystem::path(named).is_relative())
       named = (std::filesystem::path(path).parent_path() / named).string();
   };
-  for (MeshImage& image : raw->images) beside(image.path);
+  for (MeshImage& image : raw->images) {
+    beside(image.file.path);
+    beside(image.normals.file.path);
+  }
   for (std::string& named : raw->named_files) beside(named);
   MeshReadOptions finishing = options;
   if (!finishing.mm_per_unit) finishing.mm_per_unit = raw->unit.empty() ? 1.0 : mmPerUnit(raw->unit);

@@ -1,6 +1,6 @@
 // mesh_read_gltf.cpp - glTF 2.0 (Khronos 2021), .gltf and .glb: the triangles, strips and fans of all meshes that the
-// scene's nodes place, in metres, with the images and colours of their materials, or the vertices' colours. Normals,
-// skins, morphs, animations and cameras are read over.
+// scene's nodes place, in metres, with the images and colours of their materials, or the vertices' colours. Skins,
+// morphs, animations and cameras are read over, and normals that no map of normals counts from.
 //
 // Memory follows the file: nodes that repeat a mesh may add vertices and triangles only up to one for every two bytes
 // of the file and its buffers.
@@ -163,12 +163,14 @@ class GltfReader {
       if (auto done = buffers_.decodeDraco(p, where); !done) return done;
     buffers_.select(p);
     for (auto done : {one(p.positions, "POSITION", 3, 3, false), one(p.colours, "COLOR_0", 3, 4, false),
-                      one(p.uv, "TEXCOORD", 2, 2, false), one(p.indices, "indices", 1, 1, true)})
+                      one(p.uv, "TEXCOORD", 2, 2, false), one(p.normals, "NORMAL", 3, 3, false),
+                      one(p.tangents, "TANGENT", 4, 4, false), one(p.indices, "indices", 1, 1, true)})
       if (!done) return done;
     const uint64_t vertices = doc_.accessors[p.positions].count;
-    for (const uint32_t other : {p.colours, p.uv})
+    for (const uint32_t other : {p.colours, p.uv, p.normals, p.tangents})
       if (other != kNoIndex && doc_.accessors[other].count != vertices)
-        return invalid("expected " + where + " to have as many colours and texture coordinates as its " +
+        return invalid("expected " + where +
+                       " to have as many colours, texture coordinates, normals and tangents as its " +
                        std::to_string(vertices) + " positions, found " + std::to_string(doc_.accessors[other].count));
     if (p.mode == GltfPrimitive::Mode::kTriangles && cornersOf(p) % 3 != 0)
       return invalid("expected " + where + " to have three corners a triangle, found " + std::to_string(cornersOf(p)) +
@@ -191,8 +193,11 @@ class GltfReader {
     const auto first = addVertices(p, placed);
     if (!first) return first.error();
     if (auto done = readTextureCoordinates(p); !done) return done;
+    if (auto done = readNormals(p, placed); !done) return done;
     const size_t before = mesh_.triangles.size();
-    if (auto done = addTriangles(p, *first, glm::determinant(glm::dmat3(placed.mesh_to_scene)) < 0); !done) return done;
+    const bool mirrored = glm::determinant(glm::dmat3(placed.mesh_to_scene)) < 0;
+    if (auto done = addTriangles(p, *first, mirrored); !done) return done;
+    if (auto done = countHands(p, *first, before, mirrored); !done) return done;
     runs_.push_back({before, p.material, p.uv != kNoIndex});
     if (options_.progress)
       options_.progress(0.6 * static_cast<double>(&placed - placed_.data() + 1) / static_cast<double>(placed_.size()));
@@ -226,30 +231,68 @@ class GltfReader {
 
   // As TriMesh has them, from the lower left corner. Those of the primitive before are kept where they are the same.
   Result<void> readTextureCoordinates(const GltfPrimitive& p) {
-    const GltfMaterial plain, &m = p.material == kNoIndex ? plain : doc_.materials[p.material];
-    const UvOf key{p.uv, codeOf(p), m.uv_offset, m.uv_scale, m.uv_turn};
+    const GltfPlacement plain, &m = p.material == kNoIndex ? plain : doc_.materials[p.material].placement();
+    const UvOf key{p.uv, codeOf(p), m};
     if (key == uv_of_) return {};
     uv_of_ = key;
     uv_.clear();
     if (p.uv == kNoIndex) return {};
-    const double c = std::cos(m.uv_turn), s = std::sin(m.uv_turn);
+    const double c = std::cos(m.turn), s = std::sin(m.turn);
     uv_.reserve(static_cast<size_t>(doc_.accessors[p.uv].count));
     return buffers_.forEach(p.uv, [&](uint64_t, const std::array<double, 4>& v) -> Result<void> {
-      const double x = v[0] * m.uv_scale.x, y = v[1] * m.uv_scale.y;
-      uv_.emplace_back(m.uv_offset.x + c * x + s * y, 1 - (m.uv_offset.y - s * x + c * y));
+      const double x = v[0] * m.scale.x, y = v[1] * m.scale.y;
+      uv_.emplace_back(m.offset.x + c * x + s * y, 1 - (m.offset.y - s * x + c * y));
       return {};
     });
   }
 
+  Result<void> readNormals(const GltfPrimitive& p, const Placed& placed) {
+    normals_.clear();
+    if (p.normals == kNoIndex) return {};
+    const glm::dmat3 turn = glm::transpose(glm::inverse(glm::dmat3(placed.mesh_to_scene)));
+    normals_.reserve(static_cast<size_t>(doc_.accessors[p.normals].count));
+    return buffers_.forEach(p.normals, [&](uint64_t, const std::array<double, 4>& v) -> Result<void> {
+      const glm::dvec3 normal = turn * glm::dvec3(v[0], v[1], v[2]);
+      const double length = glm::length(normal);
+      normals_.emplace_back(length > 0 && std::isfinite(length) ? normal / length : glm::dvec3(0));
+      return {};
+    });
+  }
+
+  // Tangents say by their fourth number which way the map's y points: of the triangles from `begin` on.
+  Result<void> countHands(const GltfPrimitive& p, uint32_t first, size_t begin, bool mirrored) {
+    if (p.tangents == kNoIndex || uv_.empty()) return {};
+    std::vector<int8_t> hands;
+    auto done = buffers_.forEach(p.tangents, [&](uint64_t, const std::array<double, 4>& v) -> Result<void> {
+      hands.push_back(v[3] > 0 ? 1 : v[3] < 0 ? -1 : 0);
+      return {};
+    });
+    if (!done) return done;
+    int64_t& upwards = upwards_[p.material];
+    for (size_t t = begin; t < mesh_.triangles.size(); ++t) {
+      const auto& [a, b, c] = mesh_.corner_uv[t];
+      const float area = (b.x - a.x) * (c.y - a.y) - (b.y - a.y) * (c.x - a.x);
+      const int hand = hands[mesh_.triangles[t][0] - first];
+      upwards += area == 0 ? 0 : (area > 0) != mirrored ? hand : -hand;
+    }
+    return {};
+  }
+
   Result<void> addTriangles(const GltfPrimitive& p, uint32_t first, bool mirrored) {
     const uint64_t vertices = doc_.accessors[p.positions].count;
-    if (!uv_.empty()) mesh_.corner_uv.resize(mesh_.triangles.size());  // those before may have had none
+    // Those before may have had none.
+    if (!uv_.empty()) mesh_.corner_uv.resize(mesh_.triangles.size());
+    if (!normals_.empty()) mesh_.corner_normals.resize(mesh_.triangles.size());
     std::array<uint32_t, 3> t{};
     const auto emit = [&](bool turned) {
       std::array<uint32_t, 3> corners = t;
       if (turned != mirrored) std::swap(corners[1], corners[2]);
       mesh_.triangles.push_back({first + corners[0], first + corners[1], first + corners[2]});
-      if (!uv_.empty()) mesh_.corner_uv.push_back({uv_[corners[0]], uv_[corners[1]], uv_[corners[2]]});
+      const auto of = [&](const auto& vertex) {
+        return std::array{vertex[corners[0]], vertex[corners[1]], vertex[corners[2]]};
+      };
+      if (!uv_.empty()) mesh_.corner_uv.push_back(of(uv_));
+      if (!normals_.empty()) mesh_.corner_normals.push_back(of(normals_));
     };
     const auto corner = [&](uint64_t i, uint64_t vertex) -> Result<void> {
       if (vertex >= vertices)
@@ -282,11 +325,19 @@ class GltfReader {
         p.indices, [&](uint64_t i, const std::array<double, 4>& v) { return corner(i, static_cast<uint64_t>(v[0])); });
   }
 
-  // An image file's path, or its bytes.
-  Result<MeshImage> readImage(uint32_t index) {
+  // The image of a texture, which is read once; without one no file.
+  Result<ImageFile> imageOf(uint32_t texture) {
+    const uint32_t index = texture == kNoIndex ? kNoIndex : doc_.textures[texture].image;
+    if (index == kNoIndex) return ImageFile{};
+    if (const auto known = images_.find(index); known != images_.end()) return known->second;
+    auto image = readImage(index);
+    if (image) images_.emplace(index, *image);
+    return image;
+  }
+  Result<ImageFile> readImage(uint32_t index) {
     const GltfImage& image = doc_.images[index];
-    MeshImage out;
-    const auto inside = [&](Result<std::vector<uint8_t>> bytes) -> Result<MeshImage> {
+    ImageFile out;
+    const auto inside = [&](Result<std::vector<uint8_t>> bytes) -> Result<ImageFile> {
       if (!bytes) return bytes.error();
       out.bytes = std::make_shared<const std::vector<uint8_t>>(std::move(*bytes));
       return out;
@@ -302,42 +353,61 @@ class GltfReader {
     return invalid("expected images[" + std::to_string(index) + "] to have a uri or a bufferView, found neither");
   }
 
-  // Materials that show the same image alike share it; others share its bytes.
+  // What a material shows; without any file nothing.
+  Result<MeshImage> imagesOf(uint32_t number) {
+    const GltfMaterial& material = doc_.materials[number];
+    MeshImage out;
+    auto colours = imageOf(material.colours.texture);
+    if (!colours) return colours.error();
+    Result<ImageFile> normals = imageOf(material.normals.texture);
+    if (!normals) normals = ImageFile{};  // the surface can be shown without
+    const auto repeats = [&](const GltfMap& map) { return doc_.textures[map.texture].repeats; };
+    out.file = std::move(*colours);
+    out.tint = glm::vec3(material.colour);
+    if (out.file.isThere()) out.repeats = repeats(material.colours);
+    else if (normals->isThere()) out.repeats = repeats(material.normals);
+    if (!normals->isThere() || !(out.file.isThere() || !any_colours_)) return out;
+    if (material.normals.placement == material.placement() && out.repeats == repeats(material.normals))
+      out.normals = {.file = std::move(*normals), .scale = static_cast<float>(material.normal_scale)};
+    if (const auto found = upwards_.find(number); found != upwards_.end() && found->second != 0)
+      out.normals.y = found->second > 0 ? NormalMap::Y::kUpwards : NormalMap::Y::kDownwards;
+    return out;
+  }
+
+  // Materials that show the same images alike share them; others share their bytes.
   Result<void> takeMaterials() {
     for (const GltfImage& image : doc_.images)
       if (!image.uri.empty() && !image.uri.starts_with("data:"))
         if (auto name = fileOfUri(image.uri, file_.path()); name) mesh_.named_files.push_back(*name);
-    std::map<uint32_t, MeshImage> images;
     std::map<uint32_t, uint16_t> numbers;  // of RawMesh::images, by material
     std::vector<MaterialRun> runs;
     for (const Run& run : runs_) {
       const auto [r, g, b] = bytesOf(colourOf(run.material));
       runs.push_back({run.first, kNoImage, glm::u8vec3(r, g, b)});
-      const uint32_t texture = run.material == kNoIndex ? kNoIndex : doc_.materials[run.material].texture,
-                     index = texture == kNoIndex ? kNoIndex : doc_.textures[texture].image;
-      if (index == kNoIndex || (!run.has_uv && !mesh_.corner_uv.empty())) continue;
+      if (run.material == kNoIndex || (!run.has_uv && !mesh_.corner_uv.empty())) continue;
       const auto [number, is_new] = numbers.try_emplace(run.material, kNoImage);
       if (is_new) {
-        if (!images.contains(index)) {
-          auto image = readImage(index);
-          if (!image) return image.error();
-          images.emplace(index, std::move(*image));
-        }
-        MeshImage image = images.at(index);
-        image.repeats = doc_.textures[texture].repeats;
-        image.tint = glm::vec3(colourOf(run.material));
-        const auto same = std::find_if(mesh_.images.begin(), mesh_.images.end(), [&](const MeshImage& other) {
-          return other.path == image.path && other.bytes == image.bytes && other.repeats == image.repeats &&
-                 other.tint == image.tint;
-        });
-        number->second = same != mesh_.images.end() ? static_cast<uint16_t>(same - mesh_.images.begin())
-                                                    : addImage(mesh_, std::move(image));
+        auto image = imagesOf(run.material);
+        if (!image) return image.error();
+        number->second = shareImage(mesh_, std::move(*image));
       }
       runs.back().image = number->second;
     }
     mesh_.texture_repeats = mesh_.images.empty() || mesh_.images[0].repeats;
+    noteNormalMapsLeftOut(runs);
     useMaterials(mesh_, runs, options_);
     return {};
+  }
+  void noteNormalMapsLeftOut(const std::vector<MaterialRun>& runs) {
+    std::set<uint32_t> left_out;  // materials
+    for (size_t i = 0; i < runs_.size(); ++i) {
+      if (runs_[i].material == kNoIndex || doc_.materials[runs_[i].material].normals.texture == kNoIndex) continue;
+      const uint16_t image = runs[i].image;
+      if (image == kNoImage || options_.other_image || mesh_.corner_uv.empty() ||
+          !mesh_.images[image].normals.file.isThere())
+        left_out.insert(runs_[i].material);
+    }
+    noteNormalMaps(mesh_, left_out.size());
   }
 
   void noteLeftOut() {
@@ -347,10 +417,6 @@ class GltfReader {
     note("primitives of points or lines", no_surfaces_, "not used");
     note("meshes with a skin", skinned_, "read at rest, where their nodes place them");
     note("primitives with morph targets", morphs_, "read without them");
-    std::set<uint32_t> normal_maps;
-    for (const Run& run : runs_)
-      if (run.material != kNoIndex && doc_.materials[run.material].normal_map) normal_maps.insert(run.material);
-    noteNormalMaps(mesh_, normal_maps.size());
   }
 
   const InputFile& file_;
@@ -366,14 +432,17 @@ class GltfReader {
   };
   std::vector<Run> runs_;
   Shared shared_;
+  std::map<uint32_t, ImageFile> images_;  // those that were read
+  // Of materials: triangles whose tangents let y point upwards in the image, less those that let it point downwards.
+  std::map<uint32_t, int64_t> upwards_;
   struct UvOf {
     uint32_t accessor = kNoIndex, code = kNoIndex;
-    glm::dvec2 offset{0}, scale{1};
-    double turn = 0;
+    GltfPlacement placement;
     bool operator==(const UvOf&) const = default;
   };
   UvOf uv_of_;
   std::vector<glm::vec2> uv_;
+  std::vector<glm::vec3> normals_;
   uint32_t shared_first_ = 0;
   uint64_t skinned_ = 0, morphs_ = 0, no_surfaces_ = 0;
   bool any_colours_ = false;

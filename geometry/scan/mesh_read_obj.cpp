@@ -1,13 +1,16 @@
 // mesh_read_obj.cpp - Wavefront OBJ: v (with colours behind the coordinates, as MeshLab and ZBrush write them), vt, f
-// (negative indices count back from the line), mtllib and usemtl for the images that map_Kd names, and Kd of materials
-// without one. Normals, groups and free-form surfaces are read over.
+// (negative indices count back from the line), mtllib and usemtl for the images that map_Kd names and the maps of
+// normals of norm and map_Bump, with the vn that these count from; and Kd of materials without an image. Groups and
+// free-form surfaces are read over.
 #include <algorithm>
+#include <cmath>
 #include <filesystem>
 #include <map>
 #include <set>
 
 #include "geometry/scan/mesh_file.h"
 #include "geometry/scan/mesh_materials.h"
+#include "src/base/srgb.h"
 
 namespace relievo::mesh_file {
 namespace {
@@ -21,8 +24,14 @@ std::string_view trimmed(std::string_view text) {
   return text;
 }
 
-// The path behind map_Kd's options; it may hold blanks. clamped: the image does not repeat.
-std::string imagePath(std::string_view text, bool& clamped) {
+// A map's file, behind its options; its name may hold blanks.
+struct MapLine {
+  std::string path;
+  bool clamped = false;  // the image does not repeat
+  double bumps = 1;      // by which what it says of bumps is multiplied
+};
+MapLine mapOf(std::string_view text) {
+  MapLine map;
   for (;;) {
     std::string_view rest = text, option = nextItem(rest);
     int arguments = -1;
@@ -43,8 +52,9 @@ std::string imagePath(std::string_view text, bool& clamped) {
     if (arguments < 0) break;
     for (int k = 0; k < arguments; ++k) {
       std::string_view before = rest, argument = nextItem(rest);
-      if (option == "-clamp") clamped = argument == "on";
+      if (option == "-clamp") map.clamped = argument == "on";
       double number = 0;
+      if (option == "-bm" && parseNumber(argument, number) && std::isfinite(number)) map.bumps = number;
       if (arguments == 3 && k > 0 && !parseNumber(argument, number)) {  // -o, -s and -t may have fewer than three
         rest = before;
         break;
@@ -52,9 +62,9 @@ std::string imagePath(std::string_view text, bool& clamped) {
     }
     text = rest;
   }
-  std::string path(trimmed(text));
-  std::replace(path.begin(), path.end(), '\\', '/');
-  return path;
+  map.path = trimmed(text);
+  std::replace(map.path.begin(), map.path.end(), '\\', '/');
+  return map;
 }
 
 class ObjReader {
@@ -71,6 +81,7 @@ class ObjReader {
       if (key.starts_with('#')) comment(key, text);
       if (key == "v") vertex(text);
       else if (key == "vt") textureVertex(text);
+      else if (key == "vn") vertexNormal(text);
       else if (key == "f" || key == "fo") face(text);
       else if (key == "mtllib") materialFile(trimmed(text));
       else if (key == "usemtl") useMaterial(trimmed(text));
@@ -110,10 +121,10 @@ class ObjReader {
 
  private:
   struct Material {
-    std::string image;
-    bool clamped = false;
+    MapLine image;
     glm::u8vec3 colour = kPlainColour;  // Kd
-    bool normal_map = false;            // or a bump map
+    MapLine normals;
+    bool may_be_bumps = false;  // they came as a map of bumps, as which some programs write them
   };
   struct Run {
     size_t first = 0;  // triangle
@@ -179,6 +190,15 @@ class ObjReader {
     uv_.emplace_back(x, y);
   }
 
+  // Of use where a material has a map of normals, and stands before them all.
+  void vertexNormal(std::string_view text) {
+    glm::vec3 n(0);
+    for (int axis = 0; axis < 3 && normals_are_needed_; ++axis)
+      if (double v = 0; parseNumber(nextItem(text), v)) n[axis] = static_cast<float>(v);
+    if (normals_are_needed_) normals_.push_back(n);
+    else normals_are_lost_ = true;
+  }
+
   // An index of the file (from 1, or back from the end: -1) among n, from 0; false: none of them.
   static bool resolve(int64_t index, size_t n, uint64_t& out) {
     if (index < 0) index += static_cast<int64_t>(n) + 1;
@@ -190,6 +210,7 @@ class ObjReader {
     ++faces_;
     corners_.clear();
     corner_uv_.clear();
+    corner_normals_.clear();
     bool has_uv = false;
     for (std::string_view item = nextItem(text); !item.empty() && item.front() != '#'; item = nextItem(text)) {
       std::string_view rest = item;
@@ -226,9 +247,15 @@ class ObjReader {
         }
       }
       corner_uv_.push_back(uv);
+      if (takes_normals_) {
+        uint64_t vn = 0;
+        const bool known = parseNumber(part(), index) && resolve(index, normals_.size(), vn) && vn < normals_.size();
+        corner_normals_.push_back(known ? normals_[vn] : glm::vec3(0));
+      }
     }
     size_t before = mesh_.triangles.size();
-    cutter_.add(corners_, has_uv ? std::span<const glm::vec2>(corner_uv_) : std::span<const glm::vec2>());
+    cutter_.add(corners_, has_uv ? std::span<const glm::vec2>(corner_uv_) : std::span<const glm::vec2>(),
+                corner_normals_);
     if (mesh_.triangles.size() > kMaxTriangles)
       return in_.note("expected at most " + std::to_string(kMaxTriangles) + " triangles");
     if (runs_.empty() || runs_.back().has_uv != has_uv || runs_.back().material != material_)
@@ -262,13 +289,13 @@ class ObjReader {
       if (key == "newmtl") {
         name_of = trimmed(line);
       } else if (lowerCase(key) == "map_kd") {
-        Material& m = materials_[name_of];
-        bool clamped = false;
-        m.image = imagePath(trimmed(line), clamped);
-        m.clamped = clamped;
-        if (images_.insert(m.image).second) mesh_.named_files.push_back(m.image);
+        nameFile((materials_[name_of].image = mapOf(trimmed(line))).path);
       } else if (const std::string map = lowerCase(key); map == "norm" || map == "bump" || map == "map_bump") {
-        materials_[name_of].normal_map = true;
+        Material& m = materials_[name_of];
+        if (map != "norm" && !m.normals.path.empty() && !m.may_be_bumps) continue;
+        m.may_be_bumps = map != "norm";
+        nameFile((m.normals = mapOf(trimmed(line))).path);
+        normals_are_needed_ = !normals_are_lost_;
       } else if (lowerCase(key) == "kd") {
         glm::dvec3 c(0);
         if (parseNumber(nextItem(line), c.x) && parseNumber(nextItem(line), c.y) && parseNumber(nextItem(line), c.z) &&
@@ -278,7 +305,15 @@ class ObjReader {
     }
   }
 
-  void useMaterial(std::string_view name) { material_ = &*material_names_.emplace(name).first; }
+  void nameFile(const std::string& path) {
+    if (images_.insert(path).second) mesh_.named_files.push_back(path);
+  }
+
+  void useMaterial(std::string_view name) {
+    material_ = &*material_names_.emplace(name).first;
+    const auto found = materials_.find(*material_);
+    takes_normals_ = normals_are_needed_ && found != materials_.end() && !found->second.normals.path.empty();
+  }
 
   const Material& materialOf(const Run& run) const {
     static const Material plain;
@@ -289,30 +324,46 @@ class ObjReader {
     return (run + 1 < runs_.size() ? runs_[run + 1].first : mesh_.triangles.size()) - runs_[run].first;
   }
 
+  // What a material shows; without any file nothing.
+  MeshImage imagesOf(const Material& m) const {
+    MeshImage out{.file = {m.image.path, {}}, .repeats = !(m.image.path.empty() ? m.normals : m.image).clamped};
+    if (m.normals.path.empty() || m.normals.clamped == out.repeats) return out;
+    if (m.image.path.empty()) {
+      if (!mesh_.float_colours.empty()) return out;
+      for (int c = 0; c < 3; ++c) out.tint[c] = static_cast<float>(linearFromSrgb(m.colour[c] / 255.0));
+    }
+    out.normals = {
+        .file = {m.normals.path, {}}, .scale = static_cast<float>(m.normals.bumps), .may_be_bumps = m.may_be_bumps};
+    return out;
+  }
+
   void takeMaterials() {
-    std::map<std::pair<std::string, bool>, uint16_t> numbers;  // of images, by path and whether they repeat
+    std::map<const std::string*, uint16_t> numbers;  // of images, by material
     std::vector<MaterialRun> runs;
+    std::set<std::string> without_normals;
     for (const Run& run : runs_) {
       const Material& m = materialOf(run);
       uint16_t image = kNoImage;
-      if (!m.image.empty() && (run.has_uv || uv_.empty())) {
-        const auto [known, added] = numbers.try_emplace({m.image, !m.clamped}, kNoImage);
-        if (added) known->second = addImage(mesh_, {.path = m.image, .repeats = !m.clamped});
+      if (run.has_uv || uv_.empty()) {
+        const auto [known, added] = numbers.try_emplace(run.material, kNoImage);
+        if (added) known->second = shareImage(mesh_, imagesOf(m));
         image = known->second;
       }
       runs.push_back({run.first, image, m.colour});
+      const bool normals = image != kNoImage && mesh_.images[image].normals.file.isThere() && run.has_uv;
+      if (!m.normals.path.empty() && (!normals || options_.other_image)) without_normals.insert(*run.material);
     }
-    mesh_.texture_repeats = numbers.empty() || numbers.begin()->first.second;
+    noteNormalMaps(mesh_, without_normals.size());
+    mesh_.texture_repeats = mesh_.images.empty() || mesh_.images[0].repeats;
     useMaterials(mesh_, runs, options_);
   }
-
   void noteColoursLost() {
     const bool image = !mesh_.images.empty(), vertices = !mesh_.float_colours.empty();
     std::map<std::string, uint64_t> lost;  // triangles of materials
     for (size_t i = 0; i < runs_.size(); ++i) {
       const Material& m = materialOf(runs_[i]);
       const bool grey = m.colour.r == m.colour.g && m.colour.g == m.colour.b;
-      if (vertices && !grey && (m.image.empty() || !image)) lost[*runs_[i].material] += trianglesOf(i);
+      if (vertices && !grey && (m.image.path.empty() || !image)) lost[*runs_[i].material] += trianglesOf(i);
     }
     if (!lost.empty()) {
       uint64_t all = 0, most = 0;
@@ -330,10 +381,6 @@ class ObjReader {
            {},
            "Kd is not used beside colours of vertices"});
     }
-    std::set<std::string> normal_maps;
-    for (const Run& run : runs_)
-      if (materialOf(run).normal_map) normal_maps.insert(*run.material);
-    noteNormalMaps(mesh_, normal_maps.size());
     if (unread_libraries_ > 0)
       mesh_.findings.push_back({"material files that cannot be read (" + unread_library_ + ")",
                                 unread_libraries_,
@@ -350,6 +397,9 @@ class ObjReader {
   RawMesh mesh_;
   FaceCutter cutter_;
   std::vector<glm::vec2> uv_, corner_uv_;
+  std::vector<glm::vec3> normals_, corner_normals_;
+  bool normals_are_needed_ = false, normals_are_lost_ = false;  // of all materials; read over, before it was known
+  bool takes_normals_ = false;                                  // the material that is used
   std::vector<uint32_t> corners_;
   std::set<std::string> libraries_;
   std::set<std::string> images_;  // that materials name

@@ -137,7 +137,7 @@ class PlyReader {
   void useImages() {
     mesh_.named_files = images_;
     if (images_.empty() || mesh_.triangles.empty()) return;
-    for (const std::string& path : images_) addImage(mesh_, {.path = path});
+    for (const std::string& path : images_) addImage(mesh_, {.file = {.path = path, .bytes = {}}});
     for (MaterialRun& run : runs_)
       if (run.image >= mesh_.images.size()) run.image = kNoImage;
     if (!numbered_) runs_ = {{.image = 0}};

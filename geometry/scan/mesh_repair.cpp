@@ -160,12 +160,14 @@ class Repair {
       if (to != t) {
         mesh_.triangles[to] = mesh_.triangles[t];
         if (!mesh_.corner_uv.empty()) mesh_.corner_uv[to] = mesh_.corner_uv[t];
+        if (!mesh_.corner_normals.empty()) mesh_.corner_normals[to] = mesh_.corner_normals[t];
         if (!mesh_.image_of.empty()) mesh_.image_of[to] = mesh_.image_of[t];
       }
       ++to;
     }
     mesh_.triangles.resize(to);
     if (!mesh_.corner_uv.empty()) mesh_.corner_uv.resize(to);
+    if (!mesh_.corner_normals.empty()) mesh_.corner_normals.resize(to);
     if (!mesh_.image_of.empty()) mesh_.image_of.resize(to);
   }
 

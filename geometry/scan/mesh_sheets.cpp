@@ -248,6 +248,10 @@ void turnOver(TriMesh& mesh, EdgeCensus& census, Turned& turned) {
     if (!turn[t]) continue;
     std::swap(mesh.triangles[t][1], mesh.triangles[t][2]);
     if (!mesh.corner_uv.empty()) std::swap(mesh.corner_uv[t][1], mesh.corner_uv[t][2]);
+    if (!mesh.corner_normals.empty()) {
+      std::swap(mesh.corner_normals[t][1], mesh.corner_normals[t][2]);
+      for (glm::vec3& n : mesh.corner_normals[t]) n = -n;
+    }
     std::swap(census.mate[3 * t], census.mate[3 * t + 2]);
   }
   for (uint32_t& m : census.mate)

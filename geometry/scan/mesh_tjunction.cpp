@@ -159,8 +159,16 @@ namespace {
 struct Cut {
   std::array<uint32_t, 3> corners;
   std::array<glm::vec2, 3> uv;
+  std::array<glm::vec3, 3> normals;
   std::array<std::span<const TJunction>, 3> sides;  // junctions on the side from corner k to the next
 };
+
+// Of length 1, or 0: one of them is.
+glm::vec3 between(const glm::vec3& a, const glm::vec3& b, float t) {
+  const glm::vec3 sum = a * (1 - t) + b * t;
+  const float length = glm::length(sum);
+  return a == glm::vec3(0) || b == glm::vec3(0) || !(length > 0) ? glm::vec3(0) : sum / length;
+}
 
 // One side after the other: a fan from the corner opposite; its first and last triangle have the other sides'
 // junctions.
@@ -174,18 +182,21 @@ void cut(const Cut& c, std::vector<Cut>& out) {
   const size_t a = side, b = (side + 1) % 3, top = (side + 2) % 3;
   uint32_t from = c.corners[a];
   glm::vec2 from_uv = c.uv[a];
+  glm::vec3 from_normal = c.normals[a];
   std::span<const TJunction> points = c.sides[side];
   for (size_t i = 0; i <= points.size(); ++i) {
     const bool last = i == points.size();
     uint32_t to = last ? c.corners[b] : points[i].vertex;
     float t = last ? 1 : static_cast<float>(points[i].along);
     glm::vec2 to_uv = last ? c.uv[b] : c.uv[a] * (1 - t) + c.uv[b] * t;
-    Cut part{{from, to, c.corners[top]}, {from_uv, to_uv, c.uv[top]}, {}};
+    glm::vec3 to_normal = last ? c.normals[b] : between(c.normals[a], c.normals[b], t);
+    Cut part{{from, to, c.corners[top]}, {from_uv, to_uv, c.uv[top]}, {from_normal, to_normal, c.normals[top]}, {}};
     if (last) part.sides[1] = c.sides[b];
     if (i == 0) part.sides[2] = c.sides[top];
     cut(part, out);
     from = to;
     from_uv = to_uv;
+    from_normal = to_normal;
   }
 }
 
@@ -201,8 +212,9 @@ std::vector<TJunction> splitAtTJunctions(TriMesh& mesh, std::span<const TJunctio
   for (size_t begin = 0; begin < junctions.size();) {
     const uint32_t t = junctions[begin].half_edge / 3;
     size_t end = begin;
-    Cut whole{mesh.triangles[t], {}, {}};
+    Cut whole{mesh.triangles[t], {}, {}, {}};
     if (!mesh.corner_uv.empty()) whole.uv = mesh.corner_uv[t];
+    if (!mesh.corner_normals.empty()) whole.normals = mesh.corner_normals[t];
     for (uint32_t k = 0; k < 3; ++k) {
       size_t first = end;
       while (end < junctions.size() && junctions[end].half_edge == 3 * t + k) ++end;
@@ -222,9 +234,13 @@ std::vector<TJunction> splitAtTJunctions(TriMesh& mesh, std::span<const TJunctio
         if (i == 0) mesh.triangles[t] = parts[i].corners;
         else mesh.triangles.push_back(parts[i].corners);
         if (i > 0 && !mesh.image_of.empty()) mesh.image_of.push_back(mesh.image_of[t]);
-        if (mesh.corner_uv.empty()) continue;
-        if (i == 0) mesh.corner_uv[t] = parts[i].uv;
-        else mesh.corner_uv.push_back(parts[i].uv);
+        const auto put = [&](auto& of_mesh, const auto& of_part) {
+          if (of_mesh.empty()) return;
+          if (i == 0) of_mesh[t] = of_part;
+          else of_mesh.push_back(of_part);
+        };
+        put(mesh.corner_uv, parts[i].uv);
+        put(mesh.corner_normals, parts[i].normals);
       }
     }
     begin = end;

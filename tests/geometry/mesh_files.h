@@ -43,7 +43,7 @@ inline std::string saveFile(const std::string& name, const std::string& bytes) {
 
 // Of a mesh that was read: the path of an image, or nothing; its palette, or nothing.
 inline std::string imagePath(const TriMesh& mesh, size_t image = 0) {
-  return image < mesh.images.size() ? mesh.images[image].path : "";
+  return image < mesh.images.size() ? mesh.images[image].file.path : "";
 }
 inline std::vector<glm::u8vec3> paletteOf(const TriMesh& mesh) {
   return mesh.images.empty() ? std::vector<glm::u8vec3>() : mesh.images.back().palette;

@@ -261,7 +261,7 @@ TEST(MeshGltf, TheBaseColourImageIsNamedOrInTheFile) {
   EXPECT_EQ(imagePath(named.mesh), (meshFolder() / "a skin.png").string());
   EXPECT_EQ(named.named_files, std::vector<std::string>{imagePath(named.mesh)});
   EXPECT_TRUE(named.mesh.images[0].repeats);
-  EXPECT_FALSE(named.mesh.images[0].bytes);
+  EXPECT_FALSE(named.mesh.images[0].file.bytes);
   std::vector<glm::vec2> of(s.positions.size());
   for (size_t t = s.triangles.size(); t-- > 0;)
     for (size_t k = 0; k < 3; ++k) of[s.triangles[t][k]] = s.corner_uv[t][k];
@@ -272,14 +272,14 @@ TEST(MeshGltf, TheBaseColourImageIsNamedOrInTheFile) {
       "a.glb", glbFile(s, with("\"uri\":\"data:image/png;base64," + base64("a picture") + "\"", ",\"sampler\":0") +
                               ",\"samplers\":[{\"wrapS\":33071,\"wrapT\":33071}]")));
   ASSERT_EQ(inside.mesh.images.size(), 1u);
-  ASSERT_TRUE(inside.mesh.images[0].bytes);
-  const std::vector<uint8_t>& bytes = *inside.mesh.images[0].bytes;
+  ASSERT_TRUE(inside.mesh.images[0].file.bytes);
+  const std::vector<uint8_t>& bytes = *inside.mesh.images[0].file.bytes;
   EXPECT_EQ(std::string(bytes.begin(), bytes.end()), "a picture");
   EXPECT_TRUE(imagePath(inside.mesh).empty());
   EXPECT_FALSE(inside.mesh.images[0].repeats);
   const LoadedMesh view = mustRead(saveFile("a.glb", glbFile(s, with("\"bufferView\":1,\"mimeType\":\"image/png\""))));
-  ASSERT_TRUE(view.mesh.images.size() == 1 && view.mesh.images[0].bytes);
-  EXPECT_EQ(view.mesh.images[0].bytes->size(), 12 * s.triangles.size()) << "the indices' bytes";
+  ASSERT_TRUE(view.mesh.images.size() == 1 && view.mesh.images[0].file.bytes);
+  EXPECT_EQ(view.mesh.images[0].file.bytes->size(), 12 * s.triangles.size()) << "the indices' bytes";
   // KHR_texture_transform, by its own example: scale, then turn, then move.
   const std::string turned = replaced(with("\"uri\":\"a.png\""), "{\"index\":0}",
                                       "{\"index\":0,\"extensions\":{\"KHR_texture_transform\":{\"offset\":[0,1],"

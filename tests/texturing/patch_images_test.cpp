@@ -197,7 +197,7 @@ TEST(PatchImages, HalvesAreAffineAndGoOnBeyondThePatch) {
         }
       }
     }
-  EXPECT_EQ(shownLevel(patch, 0, 8), 0);
+  EXPECT_EQ(shownLevel(patch.at[0], 8), 0);
   EXPECT_LE(largest, 3) << "places and weights are 256ths";
   EXPECT_LE(furthest_normal, 0.51);
   EXPECT_GT(other_half, 50) << "control";
@@ -235,7 +235,6 @@ TEST(PatchImages, ColoursOfCornersAreLinearOnTheirHalf) {
   EXPECT_LE(largest, 0.5 + 1e-9);
   EXPECT_GT(other_half, 50) << "control";
   EXPECT_GT(beyond, 0) << "some texel lies where they would be below 0";
-  EXPECT_EQ(shownLevel(patch, 0, 4), 0);
   // The tail's are those of 16 texels a side.
   const MipFilter mip(TextureFormat{.basis = Basis::kAlbedoNormal});
   std::vector<uint8_t> tail(6 * kTailPatchTexels), whole(3 * 16 * 16);
@@ -276,8 +275,8 @@ TEST(PatchImages, ALevelHasTexelsAboutAsLongAsThePatchs) {
         patch.at[1] = {};
         patch.at[1][k][axis] = 256 * texels;
         if (k == 1) patch.at[1][2] = patch.at[1][1];
-        EXPECT_EQ(shownLevel(patch, 1, side_log2), level) << texels;
-        EXPECT_EQ(shownLevel(patch, 0, side_log2), 0) << "the other half";
+        EXPECT_EQ(shownLevel(patch.at[1], side_log2), level) << texels;
+        EXPECT_EQ(shownLevel(patch.at[0], side_log2), 0) << "the other half";
       }
   }
 }
@@ -678,7 +677,7 @@ TEST(PatchImages, TailsAreMadeOfThem) {
     EXPECT_FALSE(package->read(PageId(texturePlane(0), {p, 0, 0, 0})).ok()) << p << ": it has no page";
     EXPECT_FALSE(std::ranges::equal(found, stored.texelsOf(p))) << "control: its own texels, which are not asked for";
     // The colours are the image's, whatever makes them: at a texel's middle, at level 0.
-    ASSERT_EQ(std::max(shownLevel(patch, 0, 4), shownLevel(patch, 1, 4)), 0);
+    ASSERT_EQ(std::max(shownLevel(patch.at[0], 4), shownLevel(patch.at[1], 4)), 0);
     for (int i = 0; i < 256; ++i) {
       const double u = (i % 16 + 0.5) / 16, v = (i / 16 + 0.5) / 16;
       const size_t half = v > u;
@@ -963,7 +962,7 @@ TEST(PatchImages, AnImageThatCameAsAJpegStaysOne) {
     for (uint32_t p = 0; p < 24; ++p) patches.push_back(source.imageOf(p));
     SourceImage second = source.images()[1];
     std::vector<uint8_t> rgb(second.rgb.begin(), second.rgb.end());
-    if (fill) fillImage(second, 1, patches, rgb);
+    if (fill) fillImage(second, 1, {second.width, second.height}, patches, rgb);
     EXPECT_EQ(rgb != std::vector<uint8_t>(second.rgb.begin(), second.rgb.end()), fill) << "some of it is not shown";
     second.rgb = rgb;
     const ShownImage first(source.images()[0]), jpeg(second);

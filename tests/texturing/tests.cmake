@@ -41,6 +41,7 @@ relievo_test(texture_depths_test MEMORY OPTIMISED COST 20 LIBS relievo_stream re
 relievo_test(image_fill_test LIBS relievo_package SOURCES texturing/image_fill_test.cpp)
 relievo_test(image_jpeg_test MEMORY LIBS relievo_package JPEG::JPEG SOURCES texturing/image_jpeg_test.cpp)
 relievo_test(patch_images_test MEMORY OPTIMISED LIBS relievo_stream relievo_import zstd::libzstd_shared SOURCES texturing/patch_images_test.cpp)
+relievo_test(normal_maps_test MEMORY OPTIMISED LIBS relievo_stream relievo_import SOURCES texturing/normal_maps_test.cpp)
 relievo_test(patch_tails_test MEMORY OPTIMISED COST 30 LIBS relievo_stream relievo_import SOURCES texturing/patch_tails_test.cpp)
 relievo_test(kept_tails_test OPTIMISED LIBS relievo_package SOURCES texturing/kept_tails_test.cpp)
 relievo_test(base_parity_test OPTIMISED LIBS relievo_package SOURCES texturing/base_parity_test.cpp)

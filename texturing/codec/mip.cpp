@@ -140,6 +140,12 @@ MipFilter::MipFilter(const TextureFormat& format) {
   weight_offset_ = static_cast<int32_t>(std::clamp(offset, -8e8, 8e8));
 }
 
+MipFilter MipFilter::ofNumbers(int channels) {
+  MipFilter filter;
+  for (int c = 0; c < channels; ++c) filter.numbers_.push_back(c);
+  return filter;
+}
+
 // Two rows one after the other, each `width` texels.
 template <class T>
 void MipFilter::weightsOf(const T* rows, size_t plane, int width, int32_t* out) const noexcept {

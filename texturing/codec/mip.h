@@ -31,11 +31,13 @@ struct LevelImage {
 class MipFilter {
  public:
   explicit MipFilter(const TextureFormat& format);
+  static MipFilter ofNumbers(int channels);  // all of which are averaged as numbers
   void downsample(const uint16_t* in, int width, int height, uint16_t* out) const;
   // The same from the finest level's bytes: a byte b counts as b << 8.
   void downsample(const uint8_t* in, int width, int height, uint16_t* out) const;
 
  private:
+  MipFilter() = default;
   template <class T>
   void downsampleAny(const T* in, int width, int height, std::span<int32_t> weights, uint16_t* out) const noexcept;
   // The weights of two rows of texels, where some channels are averaged by them.

@@ -91,7 +91,7 @@ class Package final : public PageSource {
   // Images that patches show (patch_images.h): read() makes the texture pages of those patches, and the manifest's
   // domain has their levels, which the index does not.
   struct ShownImages {
-    size_t images = 0;
+    size_t images = 0, normal_maps = 0;
     uint32_t patches = 0;
     uint64_t bytes = 0;           // in the file
     bool one_colour = false;      // one image of one texel, and nothing else

@@ -86,6 +86,8 @@ struct PackageHeader {
   bool base_parity = false;
   // Version 18, one of version 17 where halves of patches have colours of corners instead of images.
   bool corner_colours = false;
+  // Version 19, one of version 18, which needs no such colours here, some of whose images have maps of normals.
+  bool normal_maps = false;
   // Version 14, one of version 12 or 13 with cut patches whose tails' colours end at edges (isColourEdge()).
   bool tail_edges = false;
   uint64_t tilesOffset() const { return tails_offset + tails_bytes; }
@@ -101,11 +103,12 @@ struct PackageHeader {
   // The directory of the patches' tails (0 bytes: there are none): package_tails.h.
   uint64_t tails_offset = 0, tails_bytes = 0, tails_hash = 0;
 };
-// 18 to 4 where it is compact; else 3 where the header describes the basis; else 1, or 2 with a base mesh: packages
+// 19 to 4 where it is compact; else 3 where the header describes the basis; else 1, or 2 with a base mesh: packages
 // of those bases stay what they were.
 inline uint32_t packageVersion(const PackageHeader& h) {
   if (h.compact)
-    return h.corner_colours   ? 18
+    return h.normal_maps      ? 19
+           : h.corner_colours ? 18
            : h.base_parity    ? 17
            : h.image_tails    ? 16
            : h.image_jpegs    ? 15

@@ -52,6 +52,7 @@ struct Package::Impl {
 
   // Of images that patches show: what the directory says, or why it is not known; and the images that were read.
   PatchImages images;
+  std::vector<std::array<TangentFrame, 2>> frames;  // framesOfPatches()
   std::optional<Error> images_problem;
   struct ReadImage {
     std::mutex mutex;
@@ -196,7 +197,8 @@ struct Package::Impl {
                                        {.jpegs = header.image_jpegs,
                                         .in_tails = header.image_tails,
                                         .by_base = header.base_parity,
-                                        .colours = header.corner_colours});
+                                        .colours = header.corner_colours,
+                                        .normals = header.normal_maps});
       if (!decoded) return damagedImages(decoded.error().message, offset);
       for (const PatchImage& patch : decoded->of_patch)
         if (patch.depth > header.domain.texture_depth)
@@ -207,6 +209,7 @@ struct Package::Impl {
     auto decoded = read();
     if (decoded) images = std::move(*decoded);
     else images_problem = decoded.error();
+    frames = framesOfPatches(normalsOfImages(images.images), images.of_patch, *manifest.base);
     read_images = std::make_unique<ReadImage[]>(images.images.size());
   }
   bool showsPages(uint32_t patch) const {
@@ -259,10 +262,23 @@ struct Package::Impl {
     const SourceImage image{.width = static_cast<int>(stored.width),
                             .height = static_cast<int>(stored.height),
                             .repeats = stored.repeats,
-                            .rgb = rgb};
-    if (stored.fill) fillImage(image, number, images.of_patch, rgb);
-    read.image = std::make_shared<const ShownImage>(image);
+                            .rgb = rgb,
+                            .is_normals = stored.is_normals};
+    const size_t named = stored.is_normals ? number - 1 : number;
+    const glm::ivec2 places = placeSize(images.images, named);
+    if (stored.fill) fillImage(image, named, places, images.of_patch, rgb);
+    read.image = std::make_shared<const ShownImage>(image, places);
     return read.image;
+  }
+  // A map that cannot be read is said to be damaged where images are read; without it the surface is smooth.
+  NormalsOfHalves normalsOf(uint32_t patch) const {
+    NormalsOfHalves normals;
+    for (size_t half = 0; half < 2 && !frames.empty(); ++half) {
+      if (!frames[patch][half].isKnown()) continue;
+      if (const auto map = shownImage(images.of_patch[patch].image[half] + size_t{1}))
+        normals[half] = {map->get(), frames[patch][half]};  // it stays while the package is open
+    }
+    return normals;
   }
   // Of halves with colours none.
   Result<std::array<std::shared_ptr<const ShownImage>, 2>> imagesOf(const PatchImage& patch) const {
@@ -307,7 +323,7 @@ struct Package::Impl {
         neutralTail(header.texture, tails.texelsOf(i));
         tails.failures.add(PageId(texturePlane(0), {first + i, 0, 0, 0}), *lost[*lost_half]);
       } else if (auto shown = imagesOf(patch)) {
-        tailOfImages(patch, {(*shown)[0].get(), (*shown)[1].get()}, mip, tails.texelsOf(i));
+        tailOfImages(patch, {(*shown)[0].get(), (*shown)[1].get()}, mip, tails.texelsOf(i), normalsOf(first + i));
       }
     }
   }
@@ -323,7 +339,7 @@ struct Package::Impl {
       if (!shown) return shown.error();
       showImages(patch, {(*shown)[0].get(), (*shown)[1].get()}, which, channels);
     } else {
-      showNormals(patch, which, channels);
+      showNormals(patch, which, channels, normalsOf(node.patch));
     }
     EncodedPage page;
     page.bytes = plainTexturePage(channels);
@@ -602,14 +618,17 @@ Result<void> Package::checkReliefDetail(const NodeId& node) const {
 Package::ShownImages Package::shownImages() const {
   const PackageHeader& h = impl_->header;
   if (!h.showsImages()) return {};
-  const auto& patches = impl_->images.of_patch;
-  return {impl_->images.images.size(),
-          static_cast<uint32_t>(
-              std::count_if(patches.begin(), patches.end(), [](const PatchImage& p) { return p.shows(); })),
-          h.images_offset - h.tilesOffset() + h.images_bytes,
-          impl_->images.images.size() == 1 && impl_->images.images[0].width * impl_->images.images[0].height == 1 &&
-              !h.corner_colours,
-          h.corner_colours};
+  const auto& [images, patches] = impl_->images;
+  ShownImages shown;
+  shown.normal_maps = static_cast<size_t>(
+      std::count_if(images.begin(), images.end(), [](const StoredImage& image) { return image.is_normals; }));
+  shown.images = images.size() - shown.normal_maps;
+  shown.patches =
+      static_cast<uint32_t>(std::count_if(patches.begin(), patches.end(), [](const auto& p) { return p.shows(); }));
+  shown.bytes = h.images_offset - h.tilesOffset() + h.images_bytes;
+  shown.corner_colours = impl_->images.anyColours();
+  shown.one_colour = images.size() == 1 && images[0].width * images[0].height == 1 && !shown.corner_colours;
+  return shown;
 }
 
 void Package::checkImages(const std::function<void(const Error&)>& problem, const std::atomic<bool>* stop) const {

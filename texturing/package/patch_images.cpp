@@ -22,9 +22,9 @@ namespace relievo {
 namespace {
 
 constexpr int kZstdLevel = 19;
-constexpr uint8_t kRepeats = 1, kIsJpeg = 2, kFill = 4;  // of an image
-constexpr uint8_t kInTail = 255;                         // where others have the number of their levels
-constexpr int kPlaceLog2 = 8;                            // PatchImage::at counts 256ths of texels
+constexpr uint8_t kRepeats = 1, kIsJpeg = 2, kFill = 4, kIsNormals = 8, kDownwards = 16;  // of an image
+constexpr uint8_t kInTail = 255;  // where others have the number of their levels
+constexpr int kPlaceLog2 = 8;     // PatchImage::at counts 256ths of texels
 constexpr size_t kImageHeadBytes = 9, kTileBytes = 12, kPatchBytes = 1, kHalvesBytes = 2 * 2, kByPlaneBytes = 2;
 constexpr size_t kPlacesBytes = 3 * 8, kNormalsBytes = 3 * 3, kColoursBytes = 3 * 3;  // of a half
 
@@ -34,6 +34,9 @@ int64_t modulo(int64_t v, int64_t n) {
   const int64_t rest = v % n;
   return rest < 0 ? rest + n : rest;
 }
+
+// n: above 0.
+int64_t floorOf(int64_t v, int64_t n) { return (v - modulo(v, n)) / n; }
 
 // Corner of the base mesh behind PatchImage::at[half][k].
 uint32_t cornerAt(const std::array<uint32_t, 4>& patch, size_t half, size_t k) {
@@ -151,8 +154,19 @@ Error damaged(const std::string& what) {
 
 }  // namespace
 
-ShownImage::ShownImage(const SourceImage& image) : width_(image.width), height_(image.height), repeats_(image.repeats) {
-  const MipFilter mip(TextureFormat{.basis = Basis::kColour});
+std::array<glm::ivec2, 3> placesIn(const glm::ivec2& size, const glm::ivec2& place_size,
+                                   const std::array<glm::ivec2, 3>& at) {
+  if (size == place_size) return at;
+  std::array<glm::ivec2, 3> out;
+  for (size_t k = 0; k < 3; ++k)
+    for (int axis = 0; axis < 2; ++axis)
+      out[k][axis] = static_cast<int>(floorOf(int64_t{at[k][axis]} * size[axis], place_size[axis]));
+  return out;
+}
+
+ShownImage::ShownImage(const SourceImage& image, const glm::ivec2& place_size)
+    : width_(image.width), height_(image.height), place_size_(place_size), repeats_(image.repeats) {
+  const MipFilter mip = image.is_normals ? MipFilter::ofNumbers(3) : MipFilter(TextureFormat{.basis = Basis::kColour});
   levels_.push_back({width_, height_, {}});
   levels_.back().rgb.reserve(image.rgb.size() + 1);
   levels_.back().rgb.assign(image.rgb.begin(), image.rgb.end());
@@ -194,6 +208,10 @@ ShownImage::ShownImage(const SourceImage& image) : width_(image.width), height_(
     if (fine.empty()) halve([&](int64_t c, int64_t texel) { return image.rgb[static_cast<size_t>(3 * texel + c)]; });
     else halve([&](int64_t c, int64_t texel) { return fine[static_cast<size_t>(c * texels + texel)]; });
   }
+}
+
+std::array<glm::ivec2, 3> ShownImage::placesOf(const PatchImage& patch, size_t half) const {
+  return placesIn({width_, height_}, place_size_, patch.at[half]);
 }
 
 ShownImage::Repetition ShownImage::repetitionOf(const std::array<glm::ivec2, 3>& places) const {
@@ -273,9 +291,7 @@ void ShownImage::sampleLine(const Line& line, int level, const Repetition& repet
   }
 }
 
-int shownLevel(const PatchImage& patch, size_t half, int side_log2) {
-  if (patch.hasColours(half)) return 0;
-  const auto& at = patch.at[half];
+int shownLevel(const std::array<glm::ivec2, 3>& at, int side_log2) {
   uint64_t longest = 0;  // squared, of a patch's side, in 256ths of a texel
   for (const auto& [from, to] : {std::pair{0, 1}, {1, 2}}) {
     const int64_t x = int64_t{at[to].x} - at[from].x, y = int64_t{at[to].y} - at[from].y;
@@ -303,6 +319,38 @@ void forEachLine(const ShownTexels& which, Use&& use) {
   }
 }
 
+// Where the texels of a half's part of a row lie in an image. along, across: as forEachLine() has them.
+ShownImage::Line lineIn(const std::array<glm::ivec2, 3>& places, size_t half, int side_log2, int64_t along,
+                        int64_t across, size_t count) {
+  ShownImage::Line line{.shift = side_log2 + 1, .count = count};
+  for (int axis = 0; axis < 2; ++axis) {
+    const int64_t a = places[0][axis], b = places[1][axis], c = places[2][axis];
+    const auto i = static_cast<size_t>(axis);
+    line.from[i] = a;
+    line.begin[i] = (b - a) * along + (c - b) * across;
+    line.step[i] = 2 * (half == 0 ? b - a : c - b);
+  }
+  return line;
+}
+
+// An image as a half of a patch shows it.
+struct HalfOfImage {
+  const ShownImage* image = nullptr;
+  std::array<glm::ivec2, 3> places;
+  int level = 0;
+  ShownImage::Repetition repetition;
+  HalfOfImage() = default;
+  HalfOfImage(const ShownImage& shown, const PatchImage& patch, size_t half, int side_log2)
+      : image(&shown),
+        places(shown.placesOf(patch, half)),
+        level(shownLevel(places, side_log2)),
+        repetition(shown.repetitionOf(places)) {}
+  void show(size_t half, int side_log2, int64_t along, int64_t across, size_t count,
+            const std::array<uint8_t*, 3>& to) const {
+    image->sampleLine(lineIn(places, half, side_log2, along, across, count), level, repetition, to);
+  }
+};
+
 // A half's corner colours, linear between them; what lies beyond the half goes on as far as bytes do. along, across: as
 // forEachLine() has them. to: a channel's each.
 void showColours(const std::array<glm::u8vec3, 3>& colours, size_t half, int shift, int64_t along, int64_t across,
@@ -321,73 +369,165 @@ void showImages(const PatchImage& patch, const std::array<const ShownImage*, 2>&
                 std::span<uint8_t> out) {
   const size_t plane = which.count * which.count;
   assert(out.size() >= 3 * plane);
-  const std::array<int, 2> levels{shownLevel(patch, 0, which.side_log2), shownLevel(patch, 1, which.side_log2)};
-  std::array<ShownImage::Repetition, 2> repetitions;
+  std::array<HalfOfImage, 2> shown;
   for (size_t half = 0; half < 2; ++half)
-    if (!patch.hasColours(half)) repetitions[half] = images[half]->repetitionOf(patch.at[half]);
+    if (!patch.hasColours(half)) shown[half] = HalfOfImage(*images[half], patch, half, which.side_log2);
   forEachLine(which, [&](size_t first, size_t count, size_t half, int64_t along, int64_t across) {
     uint8_t* to = out.data() + first;
     const std::array<uint8_t*, 3> channels{to, to + plane, to + 2 * plane};
-    if (patch.hasColours(half)) {
+    if (patch.hasColours(half))
       showColours(patch.colour[half], half, which.side_log2 + 1, along, across, count, channels);
-      return;
-    }
-    const auto& at = patch.at[half];
-    ShownImage::Line line{.shift = which.side_log2 + 1, .count = count};
-    for (int axis = 0; axis < 2; ++axis) {
-      const int64_t a = at[0][axis], b = at[1][axis], c = at[2][axis];
-      const auto i = static_cast<size_t>(axis);
-      line.from[i] = a;
-      line.begin[i] = (b - a) * along + (c - b) * across;
-      line.step[i] = 2 * (half == 0 ? b - a : c - b);
-    }
-    images[half]->sampleLine(line, levels[half], repetitions[half], channels);
+    else shown[half].show(half, which.side_log2, along, across, count, channels);
   });
 }
 
-void showNormals(const PatchImage& patch, const ShownTexels& which, std::span<uint8_t> out) {
+namespace {
+
+// What is linear on a half, along a part of a row: at its texel k begin + k step.
+struct LinearVector {
+  std::array<double, 3> begin, step;
+  glm::dvec3 at(double k) const { return {begin[0] + k * step[0], begin[1] + k * step[1], begin[2] + k * step[2]}; }
+};
+
+// Twice the corners' bytes less 255, times 2^(side_log2 + 1): whole numbers below 2^26, sums of whose squares are
+// exact.
+LinearVector normalsAlong(const std::array<glm::u8vec3, 3>& at, size_t half, int side_log2, int64_t along,
+                          int64_t across) {
+  LinearVector out;
+  for (int axis = 0; axis < 3; ++axis) {
+    auto twice = [&](size_t k) { return 2 * int64_t{at[k][axis]} - 255; };
+    const auto i = static_cast<size_t>(axis);
+    out.begin[i] = static_cast<double>((twice(0) << (side_log2 + 1)) + (twice(1) - twice(0)) * along +
+                                       (twice(2) - twice(1)) * across);
+    out.step[i] = static_cast<double>(2 * (half == 0 ? twice(1) - twice(0) : twice(2) - twice(1)));
+  }
+  return out;
+}
+
+// The corners' vectors times 255 * 2^(side_log2 + 1), as normalsAlong() has theirs.
+LinearVector vectorsAlong(const std::array<glm::vec3, 3>& at, size_t half, int side_log2, int64_t along,
+                          int64_t across) {
+  LinearVector out;
+  for (int axis = 0; axis < 3; ++axis) {
+    auto of = [&](size_t k) { return 255 * double{at[k][axis]}; };
+    const auto i = static_cast<size_t>(axis);
+    out.begin[i] = std::ldexp(of(0), side_log2 + 1) + (of(1) - of(0)) * static_cast<double>(along) +
+                   (of(2) - of(1)) * static_cast<double>(across);
+    out.step[i] = 2 * (half == 0 ? of(1) - of(0) : of(2) - of(1));
+  }
+  return out;
+}
+
+// Made as long as 127.5, plus 128, rounded down.
+void putNormal(const glm::dvec3& n, const std::array<uint8_t*, 3>& to, size_t i) {
+  const double length = std::sqrt(n.x * n.x + n.y * n.y + n.z * n.z), divisor = length > 0 ? length : 1;
+  for (int axis = 0; axis < 3; ++axis)
+    to[static_cast<size_t>(axis)][i] = static_cast<uint8_t>(static_cast<int>(127.5 * (n[axis] / divisor) + 128));
+}
+
+}  // namespace
+
+void showNormals(const PatchImage& patch, const ShownTexels& which, std::span<uint8_t> out,
+                 const NormalsOfHalves& maps) {
   const size_t plane = which.count * which.count;
+  const int log2 = which.side_log2;
   assert(out.size() >= 3 * plane);
+  struct Mapped {
+    HalfOfImage shown;
+    std::array<glm::vec3, 3> upwards;
+  };
+  std::array<Mapped, 2> mapped;
+  for (size_t half = 0; half < 2; ++half) {
+    if (!maps[half].map) continue;
+    mapped[half].shown = HalfOfImage(*maps[half].map, patch, half, log2);
+    for (size_t k = 0; k < 3; ++k)
+      mapped[half].upwards[k] = maps[half].frame.bitangent(glm::vec3(patch.normal[half][k]) / 127.5f - 1.0f, k);
+  }
   forEachLine(which, [&](size_t first, size_t count, size_t half, int64_t along, int64_t across) {
-    const auto& at = patch.normal[half];
-    // Whole numbers below 2^26: sums of their squares are exact.
-    std::array<double, 3> begin, step;
-    for (int axis = 0; axis < 3; ++axis) {
-      auto twice = [&](size_t k) { return 2 * int64_t{at[k][axis]} - 255; };
-      const auto i = static_cast<size_t>(axis);
-      begin[i] = static_cast<double>((twice(0) << (which.side_log2 + 1)) + (twice(1) - twice(0)) * along +
-                                     (twice(2) - twice(1)) * across);
-      step[i] = static_cast<double>(2 * (half == 0 ? twice(1) - twice(0) : twice(2) - twice(1)));
+    uint8_t* begin = out.data() + first;
+    const std::array<uint8_t*, 3> to{begin, begin + plane, begin + 2 * plane};
+    const LinearVector normals = normalsAlong(patch.normal[half], half, log2, along, across);
+    if (!maps[half].map) {
+      for (size_t i = 0; i < count; ++i) putNormal(normals.at(static_cast<double>(i)), to, i);
+      return;
     }
-    uint8_t* to = out.data() + first;
+    const LinearVector tangents = vectorsAlong(maps[half].frame.tangent, half, log2, along, across),
+                       upwards = vectorsAlong(mapped[half].upwards, half, log2, along, across);
+    mapped[half].shown.show(half, log2, along, across, count, to);
     for (size_t i = 0; i < count; ++i) {
       const auto k = static_cast<double>(i);
-      const double x = begin[0] + k * step[0], y = begin[1] + k * step[1], z = begin[2] + k * step[2];
-      const double length = std::sqrt(x * x + y * y + z * z), divisor = length > 0 ? length : 1;
-      auto byte = [&](double of) { return static_cast<uint8_t>(static_cast<int>(127.5 * (of / divisor) + 128)); };
-      to[i] = byte(x), to[plane + i] = byte(y), to[2 * plane + i] = byte(z);
+      auto of = [&](size_t axis) { return static_cast<double>(2 * int{to[axis][i]} - 255); };
+      putNormal(of(0) * tangents.at(k) + of(1) * upwards.at(k) + of(2) * normals.at(k), to, i);
     }
   });
 }
 
 void tailOfImages(const PatchImage& patch, const std::array<const ShownImage*, 2>& images, const MipFilter& mip,
-                  std::span<uint8_t> out) {
+                  std::span<uint8_t> out, const NormalsOfHalves& maps) {
   constexpr int kSideLog2 = std::countr_zero(unsigned{kTailTexels});
   constexpr size_t kPlane = size_t{kTailTexels} * kTailTexels;
-  const ShownTexels whole{.side_log2 = kSideLog2, .count = kTailTexels};
+  const ShownTexels whole{.side_log2 = kSideLog2, .count = kTailTexels},
+      finer{.side_log2 = kSideLog2 + 1, .count = 2 * kTailTexels};
   std::array<uint8_t, 6 * kPlane> texels;
-  if (std::max(shownLevel(patch, 0, kSideLog2), shownLevel(patch, 1, kSideLog2)) == 0) {
-    showImages(patch, images, whole, texels);
-  } else {  // twice as many, as a coarser level of the image shows what lies beside a needle
-    static const MipFilter colours(TextureFormat{.basis = Basis::kColour});
-    std::array<uint8_t, 4 * 3 * kPlane> twice;
+  const std::span<uint8_t> normals = std::span(texels).subspan(3 * kPlane);
+  std::array<uint8_t, 4 * 3 * kPlane> twice;
+  auto showHalved = [&](const MipFilter& filter, std::span<uint8_t> to) {
     std::array<uint16_t, 3 * kPlane> halved;
-    showImages(patch, images, {.side_log2 = kSideLog2 + 1, .count = 2 * kTailTexels}, twice);
-    colours.downsample(twice.data(), 2 * kTailTexels, 2 * kTailTexels, halved.data());
-    std::transform(halved.begin(), halved.end(), texels.begin(), byteFromLevel);
+    filter.downsample(twice.data(), 2 * kTailTexels, 2 * kTailTexels, halved.data());
+    std::transform(halved.begin(), halved.end(), to.begin(), byteFromLevel);
+  };
+  // Of twice as many texels, as a coarser level of the image shows what lies beside a needle.
+  const auto isCoarser = [&](const ShownImage* image, size_t half) {
+    return image && shownLevel(image->placesOf(patch, half), kSideLog2) > 0;
+  };
+  if (isCoarser(images[0], 0) || isCoarser(images[1], 1)) {
+    static const MipFilter colours(TextureFormat{.basis = Basis::kColour});
+    showImages(patch, images, finer, twice);
+    showHalved(colours, texels);
+  } else {
+    showImages(patch, images, whole, texels);
   }
-  showNormals(patch, whole, std::span(texels).subspan(3 * kPlane));
+  if (isCoarser(maps[0].map, 0) || isCoarser(maps[1].map, 1)) {
+    static const MipFilter numbers = MipFilter::ofNumbers(3);
+    showNormals(patch, finer, twice, maps);
+    showHalved(numbers, normals);
+  } else {
+    showNormals(patch, whole, normals, maps);
+  }
   tailTexels(mip, texels, out);
+}
+
+std::vector<std::array<TangentFrame, 2>> framesOfPatches(const std::vector<HasNormals>& of_images,
+                                                         std::span<const PatchImage> patches, const BaseMesh& base) {
+  const auto hasNone = [](HasNormals has) { return has == HasNormals::kNo; };
+  if (std::all_of(of_images.begin(), of_images.end(), hasNone)) return {};
+  TangentFrames frames;
+  for (uint32_t p = 0; p < patches.size(); ++p)
+    for (size_t half = 0; half < 2; ++half) {
+      const PatchImage& patch = patches[p];
+      if (!patch.shows() || patch.hasColours(half) || hasNone(of_images[patch.image[half]])) {
+        frames.addNone();
+        continue;
+      }
+      MappedTriangle triangle;
+      triangle.clockwise = half == 0;
+      triangle.downwards = of_images[patch.image[half]] == HasNormals::kDownwards;
+      for (size_t k = 0; k < 3; ++k) {
+        const uint32_t corner = cornerAt(base.patches[p], half, k);
+        const glm::ivec2& at = patch.at[half][k];
+        const glm::u8vec3& n = patch.normal[half][k];
+        triangle.position[k] = base.corners[corner].position_mm;
+        triangle.normal[k] = glm::vec3(n) / 127.5f - 1.0f;
+        triangle.place[k] = {at.x, -double(at.y)};
+        triangle.corner[k] = {corner, static_cast<uint32_t>(at.x), static_cast<uint32_t>(at.y), patch.image[half],
+                              uint32_t{n.x} << 16 | uint32_t{n.y} << 8 | n.z};
+      }
+      frames.add(triangle);
+    }
+  const std::vector<TangentFrame> halves = std::move(frames).finish();
+  std::vector<std::array<TangentFrame, 2>> out(patches.size());
+  for (size_t p = 0; p < out.size(); ++p) out[p] = {halves[2 * p], halves[2 * p + 1]};
+  return out;
 }
 
 void cutTile(const SourceImage& image, uint32_t column, uint32_t row, std::span<uint8_t> channels) {
@@ -426,11 +566,13 @@ bool PatchImages::anyColours() const {
                      [](const PatchImage& patch) { return patch.shows() && patch.hasColours(); });
 }
 
-void fillImage(const SourceImage& image, size_t number, std::span<const PatchImage> patches, std::span<uint8_t> rgb) {
+void fillImage(const SourceImage& image, size_t number, const glm::ivec2& place_size,
+               std::span<const PatchImage> patches, std::span<uint8_t> rgb) {
   ShownMarks marks(image.width, image.height, image.repeats);
   for (const PatchImage& patch : patches)
     for (size_t half = 0; half < 2; ++half)
-      if (patch.shows() && patch.image[half] == number) marks.add(patch.at[half]);
+      if (patch.shows() && patch.image[half] == number)
+        marks.add(placesIn({image.width, image.height}, place_size, patch.at[half]));
   std::move(marks).fillRest(rgb);
 }
 
@@ -479,8 +621,8 @@ std::vector<uint8_t> encodePatchImages(std::span<const StoredImage> images, std:
   for (const StoredImage& image : images) {
     put(image.width);
     put(image.height);
-    put(static_cast<uint8_t>((image.repeats ? kRepeats : 0) | (image.is_jpeg ? kIsJpeg : 0) |
-                             (image.fill ? kFill : 0)));
+    put(static_cast<uint8_t>((image.repeats ? kRepeats : 0) | (image.is_jpeg ? kIsJpeg : 0) | (image.fill ? kFill : 0) |
+                             (image.is_normals ? kIsNormals : 0) | (image.normals_downwards ? kDownwards : 0)));
   }
   for (const StoredImage& image : images)
     for (const ImageTile& tile : image.tiles) put(tile.size);
@@ -601,6 +743,7 @@ Result<PatchImages> decodePatchImages(std::span<const uint8_t> bytes, const Base
   if (!whole || images > tile_bytes || images > kMostShownImages) return damaged("there are too many");
   uint64_t texels = 0, tiles = 0;
   out.images.resize(images);
+  const StoredImage* before = nullptr;
   for (StoredImage& image : out.images) {
     uint8_t kind = 0;
     take(image.width);
@@ -612,8 +755,14 @@ Result<PatchImages> decodePatchImages(std::span<const uint8_t> bytes, const Base
     image.repeats = (kind & kRepeats) != 0;
     image.is_jpeg = (kind & kIsJpeg) != 0;
     image.fill = (kind & kFill) != 0;
-    if (kind > (kRepeats | kIsJpeg | kFill) || (image.fill && !image.is_jpeg) || (image.is_jpeg && !kinds.jpegs))
+    image.is_normals = (kind & kIsNormals) != 0;
+    image.normals_downwards = (kind & kDownwards) != 0;
+    if (kind > (kRepeats | kIsJpeg | kFill | kIsNormals | kDownwards) || (image.fill && !image.is_jpeg) ||
+        (image.is_jpeg && !kinds.jpegs) || (image.is_normals && !kinds.normals) ||
+        (image.normals_downwards && !image.is_normals))
       return damaged("an image is of an unknown kind");
+    if (image.is_normals && (before == nullptr || before->is_normals)) return damaged("normals belong to no image");
+    before = &image;
     texels += uint64_t{image.width} * image.height;
     tiles += image.tileCount();
     if (texels > kMostShownTexels || tiles > tile_bytes) return damaged("they have too many texels");
@@ -646,7 +795,8 @@ Result<PatchImages> decodePatchImages(std::span<const uint8_t> bytes, const Base
       for (uint16_t& image : patch.image) {
         take(image);
         const bool colours = kinds.colours && image == kCornerColours;
-        if (image >= images && !colours) return damaged("a patch shows an image that is not there");
+        if (!colours && (image >= images || out.images[image].is_normals))
+          return damaged("a patch shows an image that is not there");
         ++(colours ? shown.colours : shown.images);
       }
   if (!whole || raw.size() - at != shown.bytes(kinds.by_base)) return cut;

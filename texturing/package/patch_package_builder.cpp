@@ -184,6 +184,8 @@ Result<void> takeImages(Context& context, PackageHeader& h, const BuildOptions& 
   context.image_of_patch.reserve(h.domain.patchCount());
   if (!h.base_by_border || !h.cut_patches || options.texture_tolerance < 0 || !hasNormals(h.texture))
     return usage("patches that show images need a package of version 13");
+  h.normal_maps = std::any_of(images.begin(), images.end(), [](const SourceImage& image) { return image.is_normals; });
+  if (h.normal_maps && !h.base_parity) return usage("images with maps of normals need a package of version 19");
   for (uint32_t p = 0; p < h.domain.patchCount(); ++p) {
     PatchImage& patch = context.image_of_patch.emplace_back(context.source.imageOf(p));
     if ((patch.in_tail && !h.image_tails) || (patch.hasColours() && !h.base_parity)) patch = {};
@@ -191,20 +193,24 @@ Result<void> takeImages(Context& context, PackageHeader& h, const BuildOptions& 
     h.corner_colours |= patch.hasColours();
     assert(context.own_depth[p] == kTail && patch.depth <= std::min(kMostShownDepth, h.domain.texture_depth) &&
            (!patch.in_tail || patch.depth == kNoTexturePage) &&
-           std::all_of(patch.image.begin(), patch.image.end(),
-                       [&](uint16_t image) { return image < images.size() || image == kCornerColours; }));
+           std::all_of(patch.image.begin(), patch.image.end(), [&](uint16_t image) {
+             return image == kCornerColours || (image < images.size() && !images[image].is_normals);
+           }));
   }
   context.filled_images.resize(images.size());
   for (size_t i = 0; i < images.size(); ++i) {
     SourceImage image = images[i];
+    const size_t number = image.is_normals ? i - 1 : i;
+    const glm::ivec2 places = placeSize(images, number);
     if (image.fill) {
       std::vector<uint8_t>& filled = context.filled_images[i];
       filled.assign(image.rgb.begin(), image.rgb.end());
-      fillImage(image, i, context.image_of_patch, filled);
+      fillImage(image, number, places, context.image_of_patch, filled);
       image.rgb = filled;
     }
-    context.shown_images.emplace_back(image);
+    context.shown_images.emplace_back(image, places);
   }
+  context.frames = framesOfPatches(normalsOfImages(images), context.image_of_patch, context.source.base());
   return {};
 }
 
@@ -230,6 +236,8 @@ Result<EncodedImages> encodeImages(const Context& context, const BuildOptions& o
     StoredImage& s = stored.emplace_back();
     s.width = static_cast<uint32_t>(image.width), s.height = static_cast<uint32_t>(image.height);
     s.repeats = image.repeats;
+    s.is_normals = image.is_normals;
+    s.normals_downwards = image.normals_downwards;
     for (uint32_t row = 0; row < s.rows(); ++row)
       for (uint32_t column = 0; column < s.columns(); ++column) places.push_back({stored.size() - 1, column, row});
   }
@@ -247,11 +255,12 @@ Result<EncodedImages> encodeImages(const Context& context, const BuildOptions& o
       [&](std::unique_ptr<Worker>& worker, size_t i) {
         if (isJpeg(places[i].image)) return;
         cutTile(images[places[i].image], places[i].column, places[i].row, worker->channels);
-        const PageEncoding encoding = context.header.encodings[0];
-        const auto bytes =
-            encoding.codec == PageCodec::kLossless
-                ? worker->encoder.encodeTextureWithin(worker->channels, std::span(tolerances).first(3), true)
-                : worker->encoder.encodeTexture(worker->channels, encoding);
+        const size_t plane = images[places[i].image].is_normals ? 1 : 0;
+        const PageEncoding encoding = context.header.encodings[plane];
+        const auto bytes = encoding.codec == PageCodec::kLossless
+                               ? worker->encoder.encodeTextureWithin(worker->channels,
+                                                                     std::span(tolerances).subspan(3 * plane, 3), true)
+                               : worker->encoder.encodeTexture(worker->channels, encoding);
         tiles[i].assign(bytes.begin(), bytes.end());
         taken[places[i].image] += bytes.size();
       });

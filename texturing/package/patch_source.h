@@ -25,7 +25,19 @@ struct SourceImage {
   std::span<const uint8_t> rgb;
   bool fill = false;              // what no patch shows of it may become what lies around it (image_fill.h)
   std::span<const uint8_t> jpeg;  // the same texels as plainJpeg() gives them; none: they came from no such file
+  // No colours, but normals in tangent space: byte b for b / 127.5 - 1, x to the right, y upwards or downwards, z
+  // outwards. They belong to the image before them, which patches name; it repeats alike.
+  bool is_normals = false, normals_downwards = false;
 };
+// Of the image that patches name and its normals, along x and along y, whichever has more texels: places in it
+// (PatchImage::at) count these. Images: whatever has width, height and is_normals.
+template <class Images>
+glm::ivec2 placeSize(const Images& images, size_t number) {
+  glm::ivec2 size(images[number].width, images[number].height);
+  if (number + 1 < images.size() && images[number + 1].is_normals)
+    size = glm::max(size, glm::ivec2(images[number + 1].width, images[number + 1].height));
+  return size;
+}
 // Where a patch that is cut lies in images, affinely, or which colours its corners have: on each half, to the right of
 // the diagonal and to its left.
 struct PatchImage {
@@ -33,8 +45,8 @@ struct PatchImage {
   bool in_tail = false;           // without levels it shows them nevertheless
   bool shows() const { return in_tail || depth != kNoTexturePage; }
   std::array<uint16_t, 2> image{};  // or kCornerColours
-  // Of a half's corners (0,0), (1,0) or (0,1), and (1,1): 256ths of a texel from the image's upper left corner; and the
-  // normals there, which are linear between them, byte b for b / 127.5 - 1.
+  // Of a half's corners (0,0), (1,0) or (0,1), and (1,1): 256ths of a texel (placeSize()) from the image's upper left
+  // corner; and the normals there, which are linear between them, byte b for b / 127.5 - 1.
   std::array<std::array<glm::ivec2, 3>, 2> at{};
   std::array<std::array<glm::u8vec3, 3>, 2> normal{};
   // With kCornerColours, in place of these places: sRGB.

@@ -68,7 +68,7 @@ class TexelKeeper {
     int side = static_cast<int>(PatchStore::side(store.depth));
     if (c_.tailIsMade(patch)) {
       tail_.resize(c_.tailBytes() - 2 * kTailHeights);
-      tailOfImages(c_.image_of_patch[patch], c_.imagesOf(patch), c_.mip, tail_);
+      tailOfImages(c_.image_of_patch[patch], c_.imagesOf(patch), c_.mip, tail_, c_.normalsOf(patch));
       return keepTailTexels(patch);
     }
     if (auto made = finest(patch); !made) return made;
@@ -111,7 +111,7 @@ class TexelKeeper {
       const PatchImage& shown = c_.image_of_patch[patch];
       const ShownTexels which{kPageCellsLog2, 0, 0, size_t{kPagePx}};
       showImages(shown, c_.imagesOf(patch), which, texels_);
-      showNormals(shown, which, std::span(texels_).subspan(texels_.size() / 2));
+      showNormals(shown, which, std::span(texels_).subspan(texels_.size() / 2), c_.normalsOf(patch));
       return {};
     }
     if (auto made = c_.source.texels(patch, texels_); !made) return made;

@@ -310,6 +310,7 @@ Json reportJson(const MeshBuildResult& r) {
   json["texture_tolerance"] = r.texture_tolerance;
   json["texture_nodes"] = r.texture_nodes;
   json["texture_nodes_left_out"] = r.texture_nodes_left_out;
+  if (r.normal_maps > 0) json["normal_maps"] = r.normal_maps;
   if (r.shown_images > 0) json["shown_images"] = {{"images", r.shown_images}, {"patches", r.patches_with_images}};
   const double vertices = static_cast<double>(std::max<uint64_t>(r.vertices, 1));
   json["relief_bits_per_vertex"] = 8.0 * static_cast<double>(r.relief_bytes) / vertices;

@@ -41,6 +41,7 @@ struct MeshBuildResult {
   // Texture nodes of full trees, and those without pages (BuildOptions::texture_tolerance).
   uint64_t texture_nodes = 0, texture_nodes_left_out = 0;
   uint64_t shown_images = 0, patches_with_images = 0;  // patches that show images, instead of having their texels
+  uint64_t normal_maps = 0;                            // of images, whose normals patches have
   double texture_tolerance = 0;
 };
 nlohmann::ordered_json reportJson(const MeshBuildResult& result);
