@@ -244,7 +244,10 @@ void printPages(const Contents& c) {
     else
       printOutf("    images       %8.1f KiB: %zu%s that %u patches show, whose pages are made when they are read\n",
                 shown_kib, shown.images,
-                shown.normal_maps > 0 ? (" and " + std::to_string(shown.normal_maps) + " maps of normals").c_str() : "",
+                shown.normal_maps > 0 ? (" and " + std::to_string(shown.normal_maps) +
+                                         (shown.normal_maps > 1 ? " maps" : " map") + " of normals")
+                                            .c_str()
+                                      : "",
                 shown.patches);
   }
   const PackageHeader& h = c.package.header();

@@ -55,6 +55,8 @@ struct Sample {
   std::vector<std::array<uint32_t, 3>> triangles;
   std::vector<glm::u8vec3> colours;                 // a vertex; or empty
   std::vector<std::array<glm::vec2, 3>> corner_uv;  // a triangle; or empty
+  std::vector<glm::vec3> normals;                   // a vertex; or empty; in glTF and OBJ files
+  std::vector<glm::vec4> tangents;                  // a vertex; or empty; in glTF files
 };
 
 // A closed surface that faces outwards: a cube of n x n quads a side, blown up to a sphere. Coordinates are multiples
@@ -397,6 +399,13 @@ inline GltfText gltfOf(const Sample& s, const std::string& buffer_uri, const std
     for (const glm::vec2& at : of) put(uv, at.x), put(uv, 1 - at.y);
     attributes += ",\"TEXCOORD_0\":" + add(uv, of.size(), 5126, "VEC2", "");
   }
+  std::string normals, tangents;
+  for (const glm::vec3& n : s.normals)
+    for (int c = 0; c < 3; ++c) put(normals, n[c]);
+  if (!s.normals.empty()) attributes += ",\"NORMAL\":" + add(normals, s.normals.size(), 5126, "VEC3", "");
+  for (const glm::vec4& t : s.tangents)
+    for (int c = 0; c < 4; ++c) put(tangents, t[c]);
+  if (!s.tangents.empty()) attributes += ",\"TANGENT\":" + add(tangents, s.tangents.size(), 5126, "VEC4", "");
   const bool material = tail.find("materials") != tail.npos;
   out.json = "{\"asset\":{\"version\":\"2.0\"},\"scene\":0,\"scenes\":[{\"nodes\":[0]}],\"nodes\":[{" + node +
              "}],\"meshes\":[{\"primitives\":[{\"attributes\":{" + attributes + "},\"indices\":" + index +

@@ -319,24 +319,6 @@ TEST(MeshGltf, ColoursMayStandInExtensions) {
   EXPECT_EQ(plain.mesh.images.at(0).tint, glm::vec3(1));
 }
 
-// Whose relief is not the scan's own: it is left out, and that is said, once for each material that is used.
-TEST(MeshGltf, NormalMapsAreLeftOutAndThatIsSaid) {
-  Sample s = sheet(3, 2, 0.1);
-  decorate(s, 5);
-  s.colours.clear();
-  const std::string map = "\"normalTexture\":{\"index\":0}",
-                    tail = "],\"textures\":[{\"source\":0}],\"images\":[{\"uri\":\"a.png\"}]";
-  const auto found = [&](const std::string& materials) {
-    const LoadedMesh m = mustRead(saveFile("a.glb", glbFile(s, ",\"materials\":[" + materials + tail)));
-    uint64_t count = 0;
-    for (const MeshFinding& f : m.diagnosis.findings)
-      if (f.what == "maps of normals or bumps") count += f.count;
-    return count;
-  };
-  EXPECT_EQ(found("{" + map + "}"), 1u);
-  EXPECT_EQ(found("{\"name\":\"plain\"},{" + map + "}"), 0u) << "of the first material, which has none";
-}
-
 TEST(MeshGltf, TrianglesShowTheirMaterialsImagesAndColours) {
   Sample s = sheet(3, 2, 0.1);
   decorate(s, 5);
@@ -472,7 +454,7 @@ TEST(MeshGltf, WhatIsNotReadIsRefusedByItsName) {
     std::string text = gltfFile(full);
     const size_t at = text.rfind("\"count\":9", text.find(type));
     EXPECT_NE(refusal(saveFile("a.gltf", text.replace(at, 9, "\"count\":8")), ErrorKind::kInvalidData)
-                  .find("to have as many colours and texture coordinates as its 9 positions, found 8"),
+                  .find("to have as many colours, texture coordinates, normals and tangents as its 9 positions, found 8"),
               std::string::npos);
   }
   // Buffers outside the folder are not opened.

@@ -204,7 +204,7 @@ TEST(MeshFormats, ObjWithMaterials) {
   EXPECT_EQ(imagePath(m.mesh), "");
   EXPECT_NE(defects(m.diagnosis).find("none.mtl"), std::string::npos);
 
-  // Maps of normals and bumps, said once for each material that faces use.
+  // Maps of normals and bumps without texture coordinates, said once for each material that faces use.
   saveFile("bumps.mtl",
            "newmtl a\nmap_Bump -bm 1 a.png\nnewmtl b\nnorm b.png\nnewmtl c\nbump c.png\nnewmtl d\nKd 1 0 0\n");
   const auto mapsOf = [&](const char* faces) {

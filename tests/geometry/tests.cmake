@@ -13,6 +13,7 @@ relievo_test(grid_error_test LIBS relievo_bake SOURCES geometry/grid_error_test.
 relievo_test(height_fit_test LIBS relievo_bake SOURCES geometry/height_fit_test.cpp)
 relievo_test(mip_image_test LIBS relievo_bake SOURCES geometry/mip_image_test.cpp)
 relievo_test(mesh_bake_test LIBS relievo_bake SOURCES geometry/mesh_bake_test.cpp)
+relievo_test(normal_map_test LIBS relievo_bake relievo_remesh SOURCES geometry/normal_map_test.cpp)
 relievo_test(mesh_error_test LIBS relievo_lod SOURCES geometry/mesh_error_test.cpp)
 relievo_test(planar_morph_test LIBS relievo_lod SOURCES geometry/planar_morph_test.cpp)
 relievo_test(mesh_morph_test LIBS relievo_lod SOURCES geometry/mesh_morph_test.cpp)

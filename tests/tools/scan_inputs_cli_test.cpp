@@ -2,10 +2,13 @@
 #include <nlohmann/json.hpp>
 #include <string>
 
+#include "src/artwork/patch_domain.h"
+#include "tests/geometry/mapped_sheet.h"
 #include "tests/geometry/mesh_files.h"
 #include "tests/texturing/jpeg_file.h"
 #include "tests/tools/cli_fixture.h"
 #include "tests/view_share.h"
+#include "texturing/codec/page_codec.h"
 #include "texturing/package/package.h"
 
 namespace scan_inputs_cli_test {
@@ -270,6 +273,135 @@ TEST_F(ScanInputs, AGltfsFactorMultipliesItsImage) {
     EXPECT_EQ(b, 0);
   }
   EXPECT_GT(vertices, 9);
+}
+
+// How far normals of a package are from those of the surface that a sheet's map was made from, in degrees, in the mean:
+// of root pages, or of the tail where a patch has none.
+double degreesOff(const std::string& path, const test::MappedSheet& sheet) {
+  auto package = *Package::open(path);
+  const BaseMesh& base = *package->manifest().base;
+  const PatchTails tails = package->wholeTails(1, nullptr);
+  double sum = 0;
+  int count = 0;
+  std::vector<uint8_t> texels(kTexturePageBytes);
+  PageDecoder decoder;
+  for (uint32_t p = 0; p < base.patches.size(); p += 3) {
+    const auto page = package->read(PageId(texturePlane(1), {p, 0, 0, 0}));
+    EXPECT_EQ(page.ok(), package->manifest().domain.textureDepthOf(p) >= 0);
+    if (page) {
+      EXPECT_TRUE(decoder.decodeTexture(page->bytes, texels).ok());
+    }
+    const size_t side = page ? kPagePx : kTailTexels;
+    const auto texelAt = [&](int c, size_t x, size_t y) {
+      if (!page) return tails.level(p, 0, c + 3)[y * side + x];
+      return texels[(static_cast<size_t>(c) * kPageFullPx + y + kPageBorderPx) * kPageFullPx + x + kPageBorderPx];
+    };
+    for (size_t y = 0; y < side; y += side / 16)
+      for (size_t x = 0; x < side; x += side / 16) {
+        const glm::dvec2 uv = (glm::dvec2(x, y) + 0.5) / static_cast<double>(side);
+        const glm::dvec3 at = (base.origin_mm + base.point(p, uv.x, uv.y)) / 1000.0;
+        glm::dvec3 n;
+        for (int c = 0; c < 3; ++c) n[c] = texelAt(c, x, y) / 127.5 - 1;
+        const double cosine = glm::dot(glm::normalize(n), sheet.trueNormal(at.x, at.y));
+        sum += glm::degrees(std::acos(std::clamp(cosine, -1.0, 1.0)));
+        ++count;
+      }
+  }
+  return sum / count;
+}
+std::string mappedMaterial(const std::string& image, const std::string& more = "") {
+  return ",\"materials\":[{" + more + "\"normalTexture\":{\"index\":0}}],\"textures\":[{\"source\":0}],\"images\":[{" +
+         "\"uri\":\"" + image + "\"}]";
+}
+
+TEST_F(ScanInputs, AMapOfNormalsIsShown) {
+  if (test::kSanitized) GTEST_SKIP() << "about figures; others build scans under the sanitizer";
+  test::MappedSheet sheet = test::mappedSheet(10, 512);
+  write("n.ppm", sheet.ppm());
+  write("a.glb", test::glbFile(sheet.sample, mappedMaterial("n.ppm")));
+  built("a.glb");
+  EXPECT_NE(said_.find("normals   of 1 map are used"), std::string::npos) << said_;
+  EXPECT_EQ(said_.find("warning"), std::string::npos) << said_;
+  EXPECT_LT(degreesOff(file("a.relievo"), sheet), 2);
+  EXPECT_EQ((*Package::open(file("a.relievo")))->shownImages().normal_maps, 1u);
+  const std::string info = relievo("info " + file("a.relievo")).output;
+  EXPECT_NE(info.find("1 and 1 map of normals that"), std::string::npos) << info;
+  EXPECT_NE(info.find("source    n.ppm"), std::string::npos) << info;
+  EXPECT_EQ(relievo("verify " + file("a.relievo")).exit_code, 0);
+  // What is written with maps shows the same once it is read again.
+  EXPECT_EQ(relievo("export " + file("a.relievo") + " -o " + file("again.glb") + " --maps 1024").exit_code, 0);
+  built("again.glb");
+  EXPECT_LT(degreesOff(file("a.relievo"), sheet), 3);
+  // Patches that have texels of their own have them in these; with y downwards as the file's tangents say.
+  sheet = test::mappedSheet(10, 512, true);
+  write("n.ppm", sheet.ppm());
+  built("a.glb");
+  EXPECT_GT(degreesOff(file("a.relievo"), sheet), 8) << "control: nothing says that y counts downwards";
+  sheet.sample.tangents.assign(sheet.sample.positions.size(), {1, 0, 0, -1});
+  write("a.glb", test::glbFile(sheet.sample, mappedMaterial("n.ppm")));
+  built("a.glb");
+  EXPECT_LT(degreesOff(file("a.relievo"), sheet), 2);
+  built("a.glb", "--texture-tolerance 0 --encoding jpeg");
+  EXPECT_EQ((*Package::open(file("a.relievo")))->shownImages().normal_maps, 0u);
+  EXPECT_LT(degreesOff(file("a.relievo"), sheet), 4);
+  EXPECT_GT(degreesOff((built("a.glb", "--texture none"), file("a.relievo")), sheet), 8) << "control: without it";
+}
+
+TEST_F(ScanInputs, AMapOfNormalsThatCannotBeUsedIsLeftOut) {
+  if (test::kSanitized) GTEST_SKIP() << "about figures; others build scans under the sanitizer";
+  const test::MappedSheet sheet = test::mappedSheet(6, 64);
+  const auto said = [&](const std::string& image) {
+    write("a.glb", test::glbFile(sheet.sample, mappedMaterial(image)));
+    built("a.glb");
+    EXPECT_EQ(said_.find("normals   of"), std::string::npos) << said_;
+    const size_t at = said_.find("warning: ");
+    return at == std::string::npos ? "" : said_.substr(at, said_.find('\n', at) - at);
+  };
+  EXPECT_NE(said("none.png").find("none.png: opening failed"), std::string::npos) << said_;
+  fs::create_directory(file("inner"));
+  EXPECT_NE(said("../n.ppm").find("lies outside its folder; its normals are not used"), std::string::npos) << said_;
+  // Those of another kind: all of them in the object's space, which may point anywhere.
+  std::string ppm = "P6\n64 64\n255\n";
+  for (int i = 0; i < 3 * 64 * 64; ++i) ppm += static_cast<char>(i % 3 == 2 ? (i / 3 % 8 ? 200 : 30) : 128);
+  write("o.ppm", ppm);
+  EXPECT_NE(said("o.ppm").find("o.ppm: expected normals in tangent space, found some that point into the surface"),
+            std::string::npos)
+      << said_;
+  // Of an OBJ: a map of heights, in place of one of normals.
+  std::string obj = "mtllib a.mtl\nusemtl a\n";
+  for (const glm::dvec3& p : sheet.sample.positions)
+    obj += "v " + test::number(p.x) + " " + test::number(p.y) + " " + test::number(p.z) + "\nvt " +
+           test::number(10 * p.x) + " " + test::number(10 * p.y) + "\n";
+  for (const auto& t : sheet.sample.triangles) {
+    obj += "f";
+    for (const uint32_t v : t) obj += " " + std::to_string(v + 1) + "/" + std::to_string(v + 1);
+    obj += "\n";
+  }
+  write("a.obj", obj);
+  write("a.mtl", "newmtl a\nmap_Bump b.ppm\n");
+  write("b.ppm", "P6\n2 1\n255\n" + std::string("\x80\x80\x80\x20\x20\x20", 6));
+  built("a.obj");
+  EXPECT_NE(said_.find("b.ppm: expected normals, found a map of bumps; its normals are not used"), std::string::npos)
+      << said_;
+  write("b.ppm", sheet.ppm());
+  built("a.obj");
+  EXPECT_NE(said_.find("normals   of 1 map are used"), std::string::npos) << said_;
+}
+
+// A package has room for so many texels of images: a map of more is halved, where its colours are not.
+TEST_F(ScanInputs, AMapOfNormalsOfTooManyTexelsIsMadeSmaller) {
+  if (test::kSanitized) GTEST_SKIP() << "about figures; others build scans under the sanitizer";
+  constexpr int kSide = 7168;
+  std::vector<uint8_t> texels(size_t{3} * kSide * kSide, 128);
+  for (size_t i = 2; i < texels.size(); i += 3) texels[i] = 255;
+  const auto jpeg = jpegFile(kSide, kSide, std::move(texels), {});
+  write("n.jpg", std::string(jpeg.begin(), jpeg.end()));
+  write("a.glb", test::glbFile(test::mappedSheet(40, 2).sample, mappedMaterial("n.jpg")));
+  built("a.glb");
+  EXPECT_NE(said_.find("its maps of normals are made smaller; images may have 48 Mi texels together"),
+            std::string::npos)
+      << said_;
+  EXPECT_NE(said_.find("normals   of 1 map are used"), std::string::npos) << said_;
 }
 
 // The project's own .glb is read as it was written, in the scan's own mm.
