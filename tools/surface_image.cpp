@@ -131,7 +131,7 @@ bool hasNormals(const Image8& image) {
 
 // As NormalMap::scale says.
 void scaleNormals(Image8& image, float scale) {
-  if (scale == 1) return;
+  if (scale == 1 || !std::isfinite(scale)) return;
   for (size_t i = 0; i < image.pixels.size(); i += 3) {
     glm::dvec3 n;
     for (int c = 0; c < 3; ++c) n[c] = (image.pixels[i + static_cast<size_t>(c)] / 127.5 - 1) * (c < 2 ? scale : 1);

@@ -49,15 +49,20 @@ class PartlyPlainPatches final : public testing_support::NoisyPatches {
   }
 };
 
-// One patch that shows an image, at two levels, and one whose tail alone does.
+// One patch that shows an image, at two levels, and one whose tail alone does; with a map of normals.
 class ShowingPatches final : public testing_support::NoisyPatches {
  public:
-  using NoisyPatches::NoisyPatches;
+  ShowingPatches(BaseMesh mesh, uint64_t seed, bool normals)
+      : NoisyPatches(std::move(mesh), 0, 0, seed), normals_(normals) {}
   uint16_t height(uint32_t /*patch*/, int /*x*/, int /*y*/) const override { return 27'306; }
   int textureDepth() const override { return 1; }
   int textureDepthOf(uint32_t /*patch*/) const override { return kNoTexturePage; }
   std::vector<SourceImage> images() const override {
-    return {{.width = 20, .height = 10, .repeats = true, .rgb = texels_}};
+    std::vector<SourceImage> out{{.width = 20, .height = 10, .repeats = true, .rgb = texels_}};
+    if (normals_)
+      out.push_back(
+          {.width = 10, .height = 20, .repeats = true, .rgb = texels_, .is_normals = true, .normals_downwards = true});
+    return out;
   }
   PatchImage imageOf(uint32_t patch) const override {
     PatchImage out;
@@ -70,6 +75,7 @@ class ShowingPatches final : public testing_support::NoisyPatches {
 
  private:
   std::vector<uint8_t> texels_ = std::vector<uint8_t>(20 * 10 * 3, 90);
+  bool normals_;
 };
 
 // The same with an image that came as a JPEG, only part of which is shown.
@@ -171,13 +177,14 @@ inline std::vector<std::vector<uint8_t>> samplePackages() {
     auto built = buildPatchPackage(PartlyPlainPatches(mesh, 0, 0, 3), options);
     require(built.ok(), built ? "" : built.error().text());
   });
-  add([](BuildOptions& options) {
-    BaseMesh mesh = stripOf(2);
-    mesh.cut = true;
-    options.texture_tolerance = 1;
-    auto built = buildPatchPackage(ShowingPatches(mesh, 0, 0, 3), options);
-    require(built.ok(), built ? "" : built.error().text());
-  });
+  for (const bool normals : {false, true})
+    add([normals](BuildOptions& options) {
+      BaseMesh mesh = stripOf(2);
+      mesh.cut = true;
+      options.texture_tolerance = 1;
+      auto built = buildPatchPackage(ShowingPatches(mesh, 3, normals), options);
+      require(built.ok(), built ? "" : built.error().text());
+    });
   add([](BuildOptions& options) {
     BaseMesh mesh = stripOf(2);
     mesh.cut = true;

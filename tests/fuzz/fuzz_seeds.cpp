@@ -12,6 +12,7 @@
 
 #include "src/base/file.h"
 #include "tests/fuzz/fuzz_packages.h"
+#include "tests/geometry/mapped_sheet.h"
 #include "tests/geometry/mesh_files.h"
 #include "texturing/codec/page_codec.h"
 #include "texturing/import/image_io.h"
@@ -54,6 +55,9 @@ void meshes() {
       "skin\nf 1/1 2/2 3/3\nusemtl cloth\nf 2//1 4//1 3//1\n"
       "f 1/1/1 2/2/1 \\\n 3/3/1\n#materials\nnewmtl skin\nKd 0.5 0.25 1\nmap_Kd -clamp on -s 1 1 1 my skin.png\nnewmtl "
       "cloth\nKd 1 0 0\n");
+  put("obj", "mapped",
+      "mtllib scan.mtl\nv 0 0 0\nv 1 0 0\nv 0 1 0\nvt 0 0\nvt 1 0\nvt 0 1\nvn 0 0 2\nvn 1 0 1\nusemtl skin\nf 1/1/1 "
+      "2/2/-1 3/3/1\n#materials\nnewmtl skin\nmap_Bump -bm 2 my skin.png\nnorm -clamp on b.png\n");
   for (bool binary : {false, true}) {
     put("off", binary ? "binary" : "text", offFile(plain, binary));
     put("off", binary ? "colour binary" : "colour text",
@@ -72,6 +76,12 @@ void meshes() {
   const std::string nodes = "\"children\":[1]},{\"mesh\":0,\"rotation\":[0,0,1,0]";
   put("glb", "plain", glbFile(plain));
   put("glb", "full", glbFile(full, images, nodes));
+  MappedSheet mapped = mappedSheet(2, 1);
+  mapped.sample.tangents.assign(mapped.sample.positions.size(), {1, 0, 0, -1});
+  const std::string normals =
+      ",\"materials\":[{\"normalTexture\":{\"index\":0,\"scale\":2}}],\"textures\":[{\"source\":0}],\"images\":[{"
+      "\"bufferView\":1}]";
+  put("glb", "mapped", glbFile(mapped.sample, normals, nodes));
   put("gltf", "plain", gltfFile(plain));
   put("gltf", "full", gltfFile(full, images, nodes));
   const GltfText beside = gltfOf(sheet(1, 1), "scan.mtl");

@@ -55,7 +55,7 @@ struct Sample {
   std::vector<std::array<uint32_t, 3>> triangles;
   std::vector<glm::u8vec3> colours;                 // a vertex; or empty
   std::vector<std::array<glm::vec2, 3>> corner_uv;  // a triangle; or empty
-  std::vector<glm::vec3> normals;                   // a vertex; or empty; in glTF and OBJ files
+  std::vector<glm::vec3> normals;                   // a vertex; or empty; in glTF files
   std::vector<glm::vec4> tangents;                  // a vertex; or empty; in glTF files
 };
 

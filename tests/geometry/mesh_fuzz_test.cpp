@@ -9,6 +9,7 @@
 #include <new>
 
 #include "geometry/scan/mesh_read.h"
+#include "tests/geometry/mapped_sheet.h"
 #include "tests/geometry/mesh_files.h"
 #include "tests/view_share.h"
 
@@ -80,6 +81,12 @@ const std::vector<Subject>& subjects() {
     out.push_back(
         {"full.glb", glbFile(full, images, "\"children\":[1,2]},{\"mesh\":0,\"scale\":[1,-1,2]},{\"mesh\":0")});
     out.push_back({"plain.gltf", gltfFile(scanOfCubeSphere(2))});
+    MappedSheet mapped = mappedSheet(2, 1);
+    mapped.sample.tangents.assign(mapped.sample.positions.size(), {1, 0, 0, -1});
+    out.push_back({"mapped.glb", glbFile(mapped.sample,
+                                         ",\"materials\":[{\"normalTexture\":{\"index\":0,\"scale\":2}}],"
+                                         "\"textures\":[{\"source\":0}],\"images\":[{\"bufferView\":1}]",
+                                         "\"children\":[1,2]},{\"mesh\":0,\"scale\":[1,-1,2]},{\"mesh\":0")});
     full.corner_uv.clear();
     for (bool binary : {false, true}) {
       out.push_back({"plain.off", offFile(plain, binary)});

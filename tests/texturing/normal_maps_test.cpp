@@ -4,10 +4,11 @@
 
 #include <algorithm>
 #include <cmath>
-#include <fstream>
+#include <filesystem>
 
 #include "patch_fixture.h"
-#include "src/base/srgb.h"
+#include "texturing/codec/image_jpeg.h"
+#include "texturing/codec/page_jpeg_codec.h"
 #include "texturing/package/package.h"
 #include "texturing/package/package_layout.h"
 #include "texturing/package/package_tails.h"
@@ -444,6 +445,66 @@ TEST(NormalMaps, WithoutADamagedOneTheSurfaceIsSmooth) {
   damaged->wholeTails(2, &problems);
   ASSERT_EQ(problems.size(), 1u);
   EXPECT_NE(problems[0].find("of image 1"), std::string::npos) << problems[0];
+}
+
+// One that came as a JPEG stays one; what no patch shows of it is filled by whoever reads it, as by the builder.
+TEST(NormalMaps, AJpegStaysOneAndIsFilled) {
+  Picture map = normalPicture(kPageFullPx, kPageFullPx);
+  std::vector<uint8_t> texels, jpeg(1 << 20);
+  for (size_t i = 0; i < map.rgb.size(); ++i) {
+    texels.push_back(map.rgb[i]);
+    if (i % 3 == 2) texels.push_back(255);
+  }
+  jpeg.resize(JpegPageEncoder().encode(texels.data(), 30, true, jpeg));
+  jpeg = plainJpeg(jpeg);
+  auto reader = ImageJpegReader::open(jpeg, kPageFullPx, kPageFullPx);
+  ASSERT_TRUE(reader.ok() && reader->read(kPageFullPx, map.rgb).ok());
+  class WithJpeg final : public NoisyPatches {
+   public:
+    WithJpeg(const Picture& map, const std::vector<uint8_t>& jpeg)
+        : NoisyPatches(wavyBase(), 0, 0, 7), colours_(colourPicture(68, 68)), map_(map), jpeg_(jpeg) {}
+    int textureDepthOf(uint32_t) const override { return kNoTexturePage; }
+    std::vector<SourceImage> images() const override {
+      std::vector<SourceImage> out{sourceOf(colours_), sourceOf(map_, true)};
+      out[1].fill = true, out[1].jpeg = jpeg_;
+      return out;
+    }
+    PatchImage imageOf(uint32_t patch) const override { return imageOfPatch(base(), patch, 0.7, 0); }
+    uint16_t height(uint32_t, int, int) const override { return 27'306; }
+
+   private:
+    Picture colours_, map_;
+    std::vector<uint8_t> jpeg_;
+  };
+  ScratchFolder folder;
+  const WithJpeg source(map, jpeg);
+  const std::string path = folder.file("a.relievo");
+  ASSERT_TRUE(buildPatchPackage(source, optionsOf(path)).ok());
+  const auto package = *Package::open(path);
+  std::vector<PatchImage> patches;
+  for (uint32_t p = 0; p < source.base().patches.size(); ++p) patches.push_back(source.imageOf(p));
+  const std::vector<SourceImage> images = source.images();
+  EXPECT_EQ(placeSize(images, 0), glm::ivec2(kPageFullPx)) << "places count the map's texels";
+  std::vector<uint8_t> filled = map.rgb;
+  fillImage(images[1], 0, placeSize(images, 0), patches, filled);
+  EXPECT_NE(filled, map.rgb) << "some of it is not shown";
+  SourceImage shown = images[1];
+  shown.rgb = filled;
+  const ShownImage map_shown(shown), image(images[0], placeSize(images, 0));
+  const auto frames = framesOfPatches(normalsOfImages(images), patches, source.base());
+  const PatchTails tails = package->wholeTails(1, nullptr);
+  const MipFilter mip(source.format());
+  std::vector<uint8_t> expected(kTexturePageBytes), tail(6 * kTailPatchTexels);
+  for (uint32_t p = 0; p < patches.size(); ++p) {
+    const NormalsOfHalves maps = mapsOf(map_shown, frames[p]);
+    showNormals(patches[p], {7, -4, -4, 136}, expected, maps);
+    EXPECT_EQ(pageOf(*package, 1, {p, 0, 0, 0}), expected) << p;
+    tailOfImages(patches[p], {&image, &image}, mip, tail, maps);
+    EXPECT_TRUE(std::ranges::equal(std::span(tails.texels).subspan(p * tails.patchTexels(), tails.patchTexels()), tail))
+        << p;
+  }
+  EXPECT_LT(std::filesystem::file_size(path), jpeg.size() + 40'000);
+  EXPECT_GT(package->shownImages().bytes, jpeg.size());
 }
 
 TEST(NormalMaps, NeedAPackageThatHasThem) {

@@ -358,6 +358,13 @@ TEST_F(ScanInputs, AMapOfNormalsThatCannotBeUsedIsLeftOut) {
     return at == std::string::npos ? "" : said_.substr(at, said_.find('\n', at) - at);
   };
   EXPECT_NE(said("none.png").find("none.png: opening failed"), std::string::npos) << said_;
+  // Normals that a map would count from go with it: these lean by 37 degrees.
+  test::MappedSheet leaning = sheet;
+  leaning.fine = 0;
+  std::fill(leaning.sample.normals.begin(), leaning.sample.normals.end(), glm::vec3(0.6f, 0, 0.8f));
+  write("b.glb", test::glbFile(leaning.sample, mappedMaterial("none.png")));
+  built("b.glb");
+  EXPECT_LT(degreesOff(file("a.relievo"), leaning), 8);
   fs::create_directory(file("inner"));
   EXPECT_NE(said("../n.ppm").find("lies outside its folder; its normals are not used"), std::string::npos) << said_;
   // Those of another kind: all of them in the object's space, which may point anywhere.
