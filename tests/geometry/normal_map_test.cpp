@@ -195,6 +195,9 @@ TEST(NormalMap, OfAnObjIsNamedByNormOrBump) {
   m = read("norm n.png\n", false);
   EXPECT_TRUE(m.mesh.images[0].normals.file.isThere());
   EXPECT_TRUE(m.mesh.corner_normals.empty());
+  m = mustRead(saveFile("mapped.obj", "vn 0 0 1\nmtllib mapped.mtl\n" + faces));
+  EXPECT_TRUE(m.mesh.images[0].normals.file.isThere());
+  EXPECT_TRUE(m.mesh.corner_normals.empty()) << "the first one was read over, so that all others have other numbers";
 }
 
 // Normals stay with their corners through repair: duplicate vertices, dropped and turned triangles, splits.

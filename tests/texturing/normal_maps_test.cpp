@@ -320,7 +320,7 @@ TEST(NormalMaps, TheDirectorySaysWhichImagesAreNormals) {
     }
   };
   refused([](PatchImages& i) { i.images[0].is_normals = true; }, "the first image");
-  refused([](PatchImages& i) { i.images[2].is_normals = true; }, "behind normals");
+  refused([](PatchImages& i) { i.images[2].is_normals = true, i.of_patch[5].image = {0, 0}; }, "behind normals");
   refused([](PatchImages& i) { i.images[2].normals_downwards = true; }, "downwards, and no normals");
   refused([](PatchImages& i) { i.of_patch[7].image[1] = 1; }, "a patch shows normals as colours");
   kinds.normals = false;
@@ -469,7 +469,15 @@ TEST(NormalMaps, AJpegStaysOneAndIsFilled) {
       out[1].fill = true, out[1].jpeg = jpeg_;
       return out;
     }
-    PatchImage imageOf(uint32_t patch) const override { return imageOfPatch(base(), patch, 0.7, 0); }
+    // Four patches' places over and over, some 36 texels each, so that tails show a coarser level.
+    PatchImage imageOf(uint32_t patch) const override {
+      PatchImage out = imageOfPatch(base(), patch, 4, 0);
+      const uint32_t column = patch % kAcross % 2, row = patch / kAcross % 2;
+      out.at = imageOfPatch(base(), row * kAcross + column, 4, 0).at;
+      for (auto& half : out.at)
+        for (glm::ivec2& at : half) at -= 256 * glm::ivec2(70, 40);
+      return out;
+    }
     uint16_t height(uint32_t, int, int) const override { return 27'306; }
 
    private:
