@@ -296,7 +296,7 @@ TEST(NormalMap, TheSurfaceTellsWhichWayItsYCounts) {
 TEST(NormalMap, TexelsHaveTheNormalsOfTheSource) {
   const std::vector<uint8_t> texel{200, 100, 50};
   for (const bool downwards : {false, true}) {
-    const MappedSheet sheet = mappedSheet(10, 512, downwards);
+    const MappedSheet sheet = mappedSheet(10, 512, downwards, 1, 0.5);
     const TriMesh mesh = meshOf(sheet);
     auto surface = makeSurface(mesh.positions_mm, mesh.triangles);
     ASSERT_TRUE(surface.ok());
