@@ -453,9 +453,10 @@ TEST(MeshGltf, WhatIsNotReadIsRefusedByItsName) {
   for (const char* type : {"\"type\":\"VEC4\"", "\"type\":\"VEC2\""}) {
     std::string text = gltfFile(full);
     const size_t at = text.rfind("\"count\":9", text.find(type));
-    EXPECT_NE(refusal(saveFile("a.gltf", text.replace(at, 9, "\"count\":8")), ErrorKind::kInvalidData)
-                  .find("to have as many colours, texture coordinates, normals and tangents as its 9 positions, found 8"),
-              std::string::npos);
+    EXPECT_NE(
+        refusal(saveFile("a.gltf", text.replace(at, 9, "\"count\":8")), ErrorKind::kInvalidData)
+            .find("to have as many colours, texture coordinates, normals and tangents as its 9 positions, found 8"),
+        std::string::npos);
   }
   // Buffers outside the folder are not opened.
   const GltfText outside = gltfOf(s, "../x.bin");
