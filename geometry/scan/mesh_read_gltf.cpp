@@ -367,8 +367,8 @@ class GltfReader {
     if (out.file.isThere()) out.repeats = repeats(material.colours);
     else if (normals->isThere()) out.repeats = repeats(material.normals);
     if (!normals->isThere() || !(out.file.isThere() || !any_colours_)) return out;
-    if (material.normals.placement == material.placement() && out.repeats == repeats(material.normals))
-      out.normals = {.file = std::move(*normals), .scale = static_cast<float>(material.normal_scale)};
+    if (material.normals.placement != material.placement() || out.repeats != repeats(material.normals)) return out;
+    out.normals = {.file = std::move(*normals), .scale = static_cast<float>(material.normal_scale)};
     if (const auto found = upwards_.find(number); found != upwards_.end() && found->second != 0)
       out.normals.y = found->second > 0 ? NormalMap::Y::kUpwards : NormalMap::Y::kDownwards;
     return out;

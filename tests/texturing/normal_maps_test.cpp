@@ -172,22 +172,22 @@ glm::dvec3 trueNormal(const std::vector<TrueHalf>& halves, uint32_t patch, doubl
   return glm::normalize(m.x * t + m.y * b + m.z * n);
 }
 
-NormalsOfHalves mapsOf(const ShownImage& map, const std::array<TangentFrame, 2>& frames) {
-  return {ShownNormals{&map, frames[0]}, ShownNormals{&map, frames[1]}};
+NormalsOfHalves mapsOf(const ShownImage& map, const std::vector<TangentFrame>& frames, uint32_t patch) {
+  return {ShownNormals{&map, frames[2 * patch]}, ShownNormals{&map, frames[2 * patch + 1]}};
 }
 
 TEST(NormalMaps, CornersShareTheirTangents) {
   const BaseMesh base = wavyBase();
   const std::vector<PatchImage> patches = allPatches(base, 1);
-  const auto frames = framesOfPatches({HasNormals::kUpwards}, patches, base);
+  const auto frames = framesOfHalves({HasNormals::kUpwards}, patches, base);
   const std::vector<TrueHalf> halves = trueHalves(base, patches);
-  ASSERT_EQ(frames.size(), patches.size());
+  ASSERT_EQ(frames.size(), 2 * patches.size());
   double off = 0, own = 0;
-  for (size_t p = 0; p < frames.size(); ++p)
+  for (size_t p = 0; p < patches.size(); ++p)
     for (size_t half = 0; half < 2; ++half) {
-      EXPECT_EQ(frames[p][half].hand, halves[2 * p + half].mirrored ? -1 : 1) << p;
+      EXPECT_EQ(frames[2 * p + half].hand, halves[2 * p + half].mirrored ? -1 : 1) << p;
       for (size_t k = 0; k < 3; ++k) {
-        const glm::dvec3 found(frames[p][half].tangent[k]), n = halves[2 * p + half].normal[k];
+        const glm::dvec3 found(frames[2 * p + half].tangent[k]), n = halves[2 * p + half].normal[k];
         off = std::max(off, glm::distance(found, trueTangent(halves, 2 * p + half, k)));
         const glm::dvec3& along = halves[2 * p + half].along;
         own = std::max(own, glm::distance(found, glm::normalize(along - glm::dot(along, n) * n)));
@@ -197,17 +197,17 @@ TEST(NormalMaps, CornersShareTheirTangents) {
   EXPECT_LT(off, 1e-5);
   EXPECT_GT(own, 0.05) << "control: each half's alone";
   // Without any map, of colours, or of a half without area in its image, there is none.
-  EXPECT_TRUE(framesOfPatches({HasNormals::kNo}, patches, base).empty());
+  EXPECT_TRUE(framesOfHalves({HasNormals::kNo}, patches, base).empty());
   std::vector<PatchImage> some = patches;
   some[3].at[0][1] = some[3].at[0][0];
   some[4].image[1] = kCornerColours;
   some[5] = {};
-  const auto found = framesOfPatches({HasNormals::kDownwards}, some, base);
-  EXPECT_FALSE(found[3][0].isKnown());
-  EXPECT_TRUE(found[3][1].isKnown());
-  EXPECT_FALSE(found[4][1].isKnown());
-  EXPECT_FALSE(found[5][0].isKnown());
-  EXPECT_EQ(found[0][0].hand, -frames[0][0].hand) << "y counts downwards";
+  const auto found = framesOfHalves({HasNormals::kDownwards}, some, base);
+  EXPECT_FALSE(found[6].isKnown());
+  EXPECT_TRUE(found[7].isKnown());
+  EXPECT_FALSE(found[9].isKnown());
+  EXPECT_FALSE(found[10].isKnown());
+  EXPECT_EQ(found[0].hand, -frames[0].hand) << "y counts downwards";
 }
 
 TEST(NormalMaps, ShownNormalsAreThoseOfTheMapOnTheSurface) {
@@ -219,16 +219,16 @@ TEST(NormalMaps, ShownNormalsAreThoseOfTheMapOnTheSurface) {
       const std::vector<PatchImage> patches = allPatches(base, times);
       const std::vector<TrueHalf> halves = trueHalves(base, patches);
       const ShownImage shown(sourceOf(map, true), {160 * times, 90 * times});
-      const auto frames = framesOfPatches({downwards ? HasNormals::kDownwards : HasNormals::kUpwards}, patches, base);
+      const auto frames = framesOfHalves({downwards ? HasNormals::kDownwards : HasNormals::kUpwards}, patches, base);
       double off = 0, smooth = 0, other = 0;
       for (const uint32_t p : {0u, 8u, 16u, 23u, 35u}) {
         const ShownTexels which{5, 0, 0, 32};
         std::vector<uint8_t> out(3 * 32 * 32), plain(out.size()), turned(out.size());
-        showNormals(patches[p], which, out, mapsOf(shown, frames[p]));
+        showNormals(patches[p], which, out, mapsOf(shown, frames, p));
         showNormals(patches[p], which, plain);
-        auto wrong = frames[p];
+        auto wrong = frames;
         for (TangentFrame& f : wrong) f.hand = -f.hand;
-        showNormals(patches[p], which, turned, mapsOf(shown, wrong));
+        showNormals(patches[p], which, turned, mapsOf(shown, wrong, p));
         for (int j = 0; j < 32; ++j)
           for (int i = 0; i < 32; ++i) {
             const glm::dvec3 n = trueNormal(halves, p, (i + 0.5) / 32, (j + 0.5) / 32, map, 1.0 / times, downwards);
@@ -264,11 +264,11 @@ TEST(NormalMaps, TailsHaveThem) {
   const MipFilter mip(TextureFormat{.basis = Basis::kAlbedoNormal});
   for (const double scale : {1.0, 8.0}) {
     const std::vector<PatchImage> patches = allPatches(base, scale);
-    const auto frames = framesOfPatches({HasNormals::kUpwards}, patches, base);
+    const auto frames = framesOfHalves({HasNormals::kUpwards}, patches, base);
     std::vector<uint8_t> tail(6 * kTailPatchTexels), whole(3 * 16 * 16), twice(3 * 32 * 32);
     double off = 0;
     for (uint32_t p = 0; p < patches.size(); ++p) {
-      const NormalsOfHalves maps = mapsOf(shown, frames[p]);
+      const NormalsOfHalves maps = mapsOf(shown, frames, p);
       tailOfImages(patches[p], {&image, &image}, mip, tail, maps);
       showNormals(patches[p], {4, 0, 0, 16}, whole, maps);
       showNormals(patches[p], {5, 0, 0, 32}, twice, maps);
@@ -408,11 +408,11 @@ TEST(NormalMaps, PagesOfAPackageHaveThem) {
     const ShownImage image(source.images()[0], {160, 90}), map(source.images()[1]);
     std::vector<PatchImage> patches;
     for (uint32_t k = 0; k < source.base().patches.size(); ++k) patches.push_back(source.imageOf(k));
-    const auto frames = framesOfPatches(normalsOfImages(source.images()), patches, source.base());
+    const auto frames = framesOfHalves(normalsOfImages(source.images()), patches, source.base());
     const MipFilter mip(source.format());
     std::vector<uint8_t> expected(6 * kTailPatchTexels);
     for (uint32_t p = 0; p < patches.size(); ++p) {
-      tailOfImages(patches[p], {&image, &image}, mip, expected, mapsOf(map, frames[p]));
+      tailOfImages(patches[p], {&image, &image}, mip, expected, mapsOf(map, frames, p));
       EXPECT_TRUE(
           std::ranges::equal(std::span(tails.texels).subspan(p * tails.patchTexels(), tails.patchTexels()), expected))
           << p;
@@ -499,12 +499,12 @@ TEST(NormalMaps, AJpegStaysOneAndIsFilled) {
   SourceImage shown = images[1];
   shown.rgb = filled;
   const ShownImage map_shown(shown), image(images[0], placeSize(images, 0));
-  const auto frames = framesOfPatches(normalsOfImages(images), patches, source.base());
+  const auto frames = framesOfHalves(normalsOfImages(images), patches, source.base());
   const PatchTails tails = package->wholeTails(1, nullptr);
   const MipFilter mip(source.format());
   std::vector<uint8_t> expected(kTexturePageBytes), tail(6 * kTailPatchTexels);
   for (uint32_t p = 0; p < patches.size(); ++p) {
-    const NormalsOfHalves maps = mapsOf(map_shown, frames[p]);
+    const NormalsOfHalves maps = mapsOf(map_shown, frames, p);
     showNormals(patches[p], {7, -4, -4, 136}, expected, maps);
     EXPECT_EQ(pageOf(*package, 1, {p, 0, 0, 0}), expected) << p;
     tailOfImages(patches[p], {&image, &image}, mip, tail, maps);

@@ -52,7 +52,7 @@ struct Package::Impl {
 
   // Of images that patches show: what the directory says, or why it is not known; and the images that were read.
   PatchImages images;
-  std::vector<std::array<TangentFrame, 2>> frames;  // framesOfPatches()
+  std::vector<TangentFrame> frames;  // framesOfHalves()
   std::optional<Error> images_problem;
   struct ReadImage {
     std::mutex mutex;
@@ -209,7 +209,7 @@ struct Package::Impl {
     auto decoded = read();
     if (decoded) images = std::move(*decoded);
     else images_problem = decoded.error();
-    frames = framesOfPatches(normalsOfImages(images.images), images.of_patch, *manifest.base);
+    frames = framesOfHalves(normalsOfImages(images.images), images.of_patch, *manifest.base);
     read_images = std::make_unique<ReadImage[]>(images.images.size());
   }
   bool showsPages(uint32_t patch) const {
@@ -274,9 +274,10 @@ struct Package::Impl {
   NormalsOfHalves normalsOf(uint32_t patch) const {
     NormalsOfHalves normals;
     for (size_t half = 0; half < 2 && !frames.empty(); ++half) {
-      if (!frames[patch][half].isKnown()) continue;
+      const TangentFrame& frame = frames[2 * patch + half];
+      if (!frame.isKnown()) continue;
       if (const auto map = shownImage(images.of_patch[patch].image[half] + size_t{1}))
-        normals[half] = {map->get(), frames[patch][half]};  // it stays while the package is open
+        normals[half] = {map->get(), frame};  // it stays while the package is open
     }
     return normals;
   }

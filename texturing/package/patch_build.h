@@ -76,7 +76,7 @@ struct Context {
   // What patches show of images that the package has once (patch_images.h); empty: none does.
   std::vector<PatchImage> image_of_patch;
   std::vector<ShownImage> shown_images;
-  std::vector<std::array<TangentFrame, 2>> frames;  // framesOfPatches()
+  std::vector<TangentFrame> frames;                 // framesOfHalves()
   std::vector<std::vector<uint8_t>> filled_images;  // SourceImage::fill, R G B; others: empty
   bool showsImage(uint32_t patch) const { return !image_of_patch.empty() && image_of_patch[patch].shows(); }
   bool showsPages(uint32_t patch) const { return showsImage(patch) && !image_of_patch[patch].in_tail; }
@@ -90,8 +90,8 @@ struct Context {
   NormalsOfHalves normalsOf(uint32_t patch) const {
     NormalsOfHalves normals;
     for (size_t half = 0; half < 2 && !frames.empty(); ++half)
-      if (frames[patch][half].isKnown())
-        normals[half] = {&shown_images[image_of_patch[patch].image[half] + size_t{1}], frames[patch][half]};
+      if (const TangentFrame& frame = frames[2 * patch + half]; frame.isKnown())
+        normals[half] = {&shown_images[image_of_patch[patch].image[half] + size_t{1}], frame};
     return normals;
   }
   // Whose tails are made by whoever reads the package.

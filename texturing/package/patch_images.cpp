@@ -497,8 +497,8 @@ void tailOfImages(const PatchImage& patch, const std::array<const ShownImage*, 2
   tailTexels(mip, texels, out);
 }
 
-std::vector<std::array<TangentFrame, 2>> framesOfPatches(const std::vector<HasNormals>& of_images,
-                                                         std::span<const PatchImage> patches, const BaseMesh& base) {
+std::vector<TangentFrame> framesOfHalves(const std::vector<HasNormals>& of_images, std::span<const PatchImage> patches,
+                                         const BaseMesh& base) {
   const auto hasNone = [](HasNormals has) { return has == HasNormals::kNo; };
   if (std::all_of(of_images.begin(), of_images.end(), hasNone)) return {};
   TangentFrames frames;
@@ -524,10 +524,7 @@ std::vector<std::array<TangentFrame, 2>> framesOfPatches(const std::vector<HasNo
       }
       frames.add(triangle);
     }
-  const std::vector<TangentFrame> halves = std::move(frames).finish();
-  std::vector<std::array<TangentFrame, 2>> out(patches.size());
-  for (size_t p = 0; p < out.size(); ++p) out[p] = {halves[2 * p], halves[2 * p + 1]};
-  return out;
+  return std::move(frames).finish();
 }
 
 void cutTile(const SourceImage& image, uint32_t column, uint32_t row, std::span<uint8_t> channels) {

@@ -79,9 +79,9 @@ std::vector<HasNormals> normalsOfImages(const Images& images) {
     if (images[i].is_normals) out[i - 1] = images[i].normals_downwards ? HasNormals::kDownwards : HasNormals::kUpwards;
   return out;
 }
-// Those of all patches' halves; empty: no image has normals.
-std::vector<std::array<TangentFrame, 2>> framesOfPatches(const std::vector<HasNormals>& of_images,
-                                                         std::span<const PatchImage> patches, const BaseMesh& base);
+// Two a patch; empty: no image has normals.
+std::vector<TangentFrame> framesOfHalves(const std::vector<HasNormals>& of_images, std::span<const PatchImage> patches,
+                                         const BaseMesh& base);
 // Texels (x0 + x, y0 + y) of such a patch, which may lie beyond it: there the halves go on. out: R, G, B, or the
 // normals' x, y, z, count x count each, rows of v.
 struct ShownTexels {

@@ -210,7 +210,7 @@ Result<void> takeImages(Context& context, PackageHeader& h, const BuildOptions& 
     }
     context.shown_images.emplace_back(image, places);
   }
-  context.frames = framesOfPatches(normalsOfImages(images), context.image_of_patch, context.source.base());
+  context.frames = framesOfHalves(normalsOfImages(images), context.image_of_patch, context.source.base());
   return {};
 }
 
