@@ -328,7 +328,7 @@ class TextureReader {
     }
     toThreeChannels(*image);
     if (map.may_be_bumps && !hasNormals(*image)) {
-      leaveOut("expected normals, found a map of bumps", map.file);
+      leaveOut("expected normals in tangent space, found a map of another kind", map.file);
       return;
     }
     scaleNormals(*image, map.scale);

@@ -388,7 +388,9 @@ TEST_F(ScanInputs, AMapOfNormalsThatCannotBeUsedIsLeftOut) {
   write("a.mtl", "newmtl a\nmap_Bump b.ppm\n");
   write("b.ppm", "P6\n2 1\n255\n" + std::string("\x80\x80\x80\x20\x20\x20", 6));
   built("a.obj");
-  EXPECT_NE(said_.find("b.ppm: expected normals, found a map of bumps; its normals are not used"), std::string::npos)
+  EXPECT_NE(
+      said_.find("b.ppm: expected normals in tangent space, found a map of another kind; its normals are not used"),
+      std::string::npos)
       << said_;
   write("b.ppm", sheet.ppm());
   built("a.obj");
