@@ -405,10 +405,6 @@ bool TexelBaker::sharpenCells(const PatchLines& lines, const SampleGrid& grid, c
   return true;
 }
 
-}  // namespace
-
-namespace {
-
 // Hardly ever the same for two.
 uint32_t numberOf(const glm::vec3& normal) {
   uint32_t number = 0;
