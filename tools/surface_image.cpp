@@ -306,12 +306,7 @@ class TextureReader {
   }
 
   NormalMapFit fitOf(size_t k, const MeshBake::Image& image) {
-    const bool any_without = mesh_.corner_normals.empty() ||
-                             std::any_of(mesh_.corner_normals.begin(), mesh_.corner_normals.end(), [](const auto& of) {
-                               return std::find(of.begin(), of.end(), glm::vec3(0)) != of.end();
-                             });
-    if (any_without && vertex_normals_.empty())
-      makeVertexNormals(mesh_, a_.package.workers, &interruptedFlag(), vertex_normals_);
+    if (vertex_normals_.empty()) makeVertexNormals(mesh_, a_.package.workers, &interruptedFlag(), vertex_normals_);
     return normalMapFit(mesh_, static_cast<uint16_t>(k), image, mesh_.images[k].normals.y, vertex_normals_);
   }
 
@@ -346,7 +341,7 @@ class TextureReader {
     halve(out_.normal_pixels[i]);
     out_.normal_jpegs[i].clear();
   }
-  // With images alone there may be as few as that, or more, so that patches cannot show them anyway.
+  // So far that patches can show all of them together; not where the images alone are too large for that.
   void shrinkNormals() {
     const auto texels = [](const std::vector<Image8>& images) {
       uint64_t sum = 0;

@@ -192,15 +192,18 @@ ColourNormal TexelBaker::colourNormalAt(const SurfacePoint& at) const {
         out[c] += w[k] * static_cast<float>(context.mesh->colours[t[k]][static_cast<int>(c)]);
     }
   }
-  // In its tangent frame: x, y, z.
-  std::array<float, 3> mapped{127.5f, 127.5f, 255};
-  const TangentFrame plain, &frame = texture.frames.empty() ? plain : texture.frames[at.triangle];
-  if (frame.isKnown()) texture.imageOf(*context.mesh, at.triangle)->normals.sample(textureCoordinatesAt(at), 0, mapped);
-  for (float& v : mapped) v = v / 127.5f - 1;
   glm::vec3 n(0);
   const auto normals = shadingNormals(*context.mesh, *context.normals, at.triangle);
-  for (size_t k = 0; k < 3; ++k)
-    n += w[k] * (mapped[0] * frame.tangent[k] + mapped[1] * frame.bitangent(normals[k], k) + mapped[2] * normals[k]);
+  if (!texture.frames.empty() && texture.frames[at.triangle].isKnown()) {
+    const TangentFrame& frame = texture.frames[at.triangle];
+    std::array<float, 3> m{};  // x, y, z in that frame
+    texture.imageOf(*context.mesh, at.triangle)->normals.sample(textureCoordinatesAt(at), 0, m);
+    for (float& v : m) v = v / 127.5f - 1;
+    for (size_t k = 0; k < 3; ++k)
+      n += w[k] * (m[0] * frame.tangent[k] + m[1] * frame.bitangent(normals[k], k) + m[2] * normals[k]);
+  } else {
+    for (size_t k = 0; k < 3; ++k) n += w[k] * normals[k];
+  }
   if (!(glm::length(n) > 1e-3f))
     n = glm::cross(context.mesh->positions_mm[t[1]] - context.mesh->positions_mm[t[0]],
                    context.mesh->positions_mm[t[2]] - context.mesh->positions_mm[t[0]]);

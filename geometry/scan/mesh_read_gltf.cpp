@@ -252,9 +252,7 @@ class GltfReader {
     const glm::dmat3 turn = glm::transpose(glm::inverse(glm::dmat3(placed.mesh_to_scene)));
     normals_.reserve(static_cast<size_t>(doc_.accessors[p.normals].count));
     return buffers_.forEach(p.normals, [&](uint64_t, const std::array<double, 4>& v) -> Result<void> {
-      const glm::dvec3 normal = turn * glm::dvec3(v[0], v[1], v[2]);
-      const double length = glm::length(normal);
-      normals_.emplace_back(length > 0 && std::isfinite(length) ? normal / length : glm::dvec3(0));
+      normals_.emplace_back(turn * glm::dvec3(v[0], v[1], v[2]));
       return {};
     });
   }
