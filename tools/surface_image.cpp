@@ -81,8 +81,9 @@ void toThreeChannels(Image8& image) {
   image = {image.width, image.height, 3, std::move(rgb)};
 }
 
-void multiply(Image8& image, const glm::vec3& tint) {
-  if (tint == glm::vec3(1)) return;
+// True: it is another one now.
+bool multiply(Image8& image, const glm::vec3& tint) {
+  if (tint == glm::vec3(1)) return false;
   std::array<std::array<uint8_t, 256>, 3> tinted;
   for (size_t c = 0; c < 3; ++c)
     for (size_t v = 0; v < 256; ++v) {
@@ -90,29 +91,51 @@ void multiply(Image8& image, const glm::vec3& tint) {
       tinted[c][v] = static_cast<uint8_t>(std::clamp(255 * srgbFromLinear(std::max(linear, 0.0)) + 0.5, 0.0, 255.0));
     }
   for (size_t i = 0; i < image.pixels.size(); ++i) image.pixels[i] = tinted[i % 3][image.pixels[i]];
+  return true;
 }
 
-// The JPEG that `path` is, or `bytes` are, if it gives these texels and is small enough to be shown.
-std::vector<uint8_t> jpegOf(const Image8& image, const std::string& path, const std::vector<uint8_t>* bytes) {
+// An image, and the JPEG that it came as, if it is one that patches may show as it is; its texels are then the image's.
+struct ImageAndJpeg {
+  Image8 image;
+  std::vector<uint8_t> jpeg;
+};
+
+// The file's bytes, if it is a JPEG of no unusual size; none: the reader of image files is to look at it.
+std::vector<uint8_t> jpegFileBytes(const std::string& path) {
   constexpr uint64_t kMostBytes = uint64_t{256} << 20;
-  if (static_cast<uint64_t>(image.width) * static_cast<uint64_t>(image.height) > kMostShownTexels) return {};
-  std::vector<uint8_t> file;
-  if (!bytes) {
-    auto opened = InputFile::open(path);
-    if (!opened || opened->size() > kMostBytes) return {};
-    file.resize(opened->size());
-    if (!opened->read(0, file)) return {};
-    bytes = &file;
-  }
-  std::vector<uint8_t> jpeg = plainJpeg(*bytes);
-  if (jpeg.empty()) return {};
-  auto reader = ImageJpegReader::open(jpeg, static_cast<uint32_t>(image.width), static_cast<uint32_t>(image.height));
-  const size_t row_bytes = size_t{3} * static_cast<size_t>(image.width);
-  std::vector<uint8_t> row(row_bytes);
-  for (size_t y = 0; y < static_cast<size_t>(image.height); ++y)
-    if (!reader || !reader->read(1, row) || std::memcmp(row.data(), &image.pixels[y * row_bytes], row_bytes) != 0)
-      return {};
-  return jpeg;
+  auto file = InputFile::open(path);
+  std::array<uint8_t, 2> first{};
+  if (!file || file->size() > kMostBytes || file->size() < first.size() || !file->read(0, first) ||
+      first != std::array<uint8_t, 2>{0xFF, 0xD8})
+    return {};
+  std::vector<uint8_t> bytes(file->size());
+  return file->read(0, bytes) ? bytes : std::vector<uint8_t>();
+}
+
+// One of the usual kinds of JPEG, without the libraries of all other formats. Nothing: those are to look at it, and to
+// say what is wrong.
+std::optional<ImageAndJpeg> readJpeg(std::span<const uint8_t> bytes, const ImageReadOptions& options) {
+  std::vector<uint8_t> jpeg = plainJpeg(bytes);
+  const std::optional<JpegSize> size = sizeOfPlainJpeg(jpeg);
+  if (!size || size->width < 1 || size->height < 1) return std::nullopt;
+  const uint64_t texels = uint64_t{size->width} * size->height;
+  if (3 * texels > options.decodedLimit() || 3 * texels / options.max_packing > bytes.size()) return std::nullopt;
+  auto reader = ImageJpegReader::open(jpeg, size->width, size->height);
+  if (!reader) return std::nullopt;
+  Image8 image{static_cast<int>(size->width), static_cast<int>(size->height), 3, {}};
+  image.pixels.resize(3 * texels);
+  if (!reader->read(size->height, image.pixels)) return std::nullopt;
+  if (texels > kMostShownTexels) jpeg = {};
+  return ImageAndJpeg{std::move(image), std::move(jpeg)};
+}
+
+// An image file, or the one in a mesh's file.
+Result<ImageAndJpeg> readImageOrJpeg(const MeshBuildArguments& a, const ImageFile& file) {
+  const std::vector<uint8_t> read = file.bytes ? std::vector<uint8_t>() : jpegFileBytes(file.path);
+  if (auto jpeg = readJpeg(file.bytes ? *file.bytes : read, a.images)) return std::move(*jpeg);
+  auto image = file.bytes ? readInnerImage(a, *file.bytes) : readImage8(file.path, a.images);
+  if (!image) return image.error();
+  return ImageAndJpeg{std::move(*image), {}};
 }
 
 // Most texels of a map of normals are one of length 1 that points outwards; a map of heights is grey.
@@ -129,9 +152,9 @@ bool hasNormals(const Image8& image) {
   return static_cast<double>(normals) >= kShare * static_cast<double>(looked);
 }
 
-// As NormalMap::scale says.
-void scaleNormals(Image8& image, float scale) {
-  if (scale == 1 || !std::isfinite(scale)) return;
+// As NormalMap::scale says. True: it is another one now.
+bool scaleNormals(Image8& image, float scale) {
+  if (scale == 1 || !std::isfinite(scale)) return false;
   for (size_t i = 0; i < image.pixels.size(); i += 3) {
     glm::dvec3 n;
     for (int c = 0; c < 3; ++c) n[c] = (image.pixels[i + static_cast<size_t>(c)] / 127.5 - 1) * (c < 2 ? scale : 1);
@@ -140,6 +163,7 @@ void scaleNormals(Image8& image, float scale) {
       image.pixels[i + static_cast<size_t>(c)] =
           static_cast<uint8_t>(std::clamp(127.5 * (n[c] / length) + 128, 0.0, 255.0));
   }
+  return true;
 }
 
 void halve(Image8& image) {
@@ -160,9 +184,10 @@ class TextureReader {
                      "--texture needs texture coordinates, found none in the mesh",
                      "leave --texture out: colours of vertices or materials are used",
                      {}};
-      auto image = readImage8(a_.texture, a_.images);
+      const MeshImage named{.file = {a_.texture, {}}, .repeats = mesh_.texture_repeats};
+      auto image = readImageOrJpeg(a_, named.file);
       if (!image) return image.error();
-      add(std::move(*image), {.file = {a_.texture, {}}, .repeats = mesh_.texture_repeats});
+      add(std::move(*image), named);
     } else if (a_.texture.empty()) {
       for (const MeshImage& image : mesh_.images) {
         if (interruptedFlag()) return Error{ErrorKind::kInterrupted, a_.mesh, "interrupted", "", {}};
@@ -173,7 +198,7 @@ class TextureReader {
     if (out_.images.empty()) {
       // No triangle shows any image from here on, or all show one of one texel.
       mesh_.corner_uv = {}, mesh_.image_of = {}, mesh_.images = {};
-      if (const auto colour = oneColour()) add(paletteImage({*colour}), {.palette = {*colour}});
+      if (const auto colour = oneColour()) add({paletteImage({*colour}), {}}, {.palette = {*colour}});
     }
     shrinkNormals();
     finishImages();
@@ -219,7 +244,7 @@ class TextureReader {
 
   Result<void> addOwn(const MeshImage& own) {
     if (!own.palette.empty()) {
-      add(paletteImage(own.palette), own);
+      add({paletteImage(own.palette), {}}, own);
       return {};
     }
     if (!own.file.isThere()) {
@@ -227,7 +252,7 @@ class TextureReader {
       return {};
     }
     if (auto beside = checkBeside(own.file); !beside) return beside;
-    auto image = readFile(own.file);
+    auto image = readImageOrJpeg(a_, own.file);
     if (image.ok()) {
       ++read_;
       add(std::move(*image), own);
@@ -238,7 +263,7 @@ class TextureReader {
     std::error_code unknown;
     if (own.file.bytes || std::filesystem::exists(own.file.path, unknown)) return error;
     if (++missing_ == 1) first_missing_ = error;
-    add(paletteImage({kMissing}), {.palette = {kMissing}});
+    add({paletteImage({kMissing}), {}}, {.palette = {kMissing}});
     return {};
   }
 
@@ -251,7 +276,7 @@ class TextureReader {
     const bool none = grey && std::all_of(mesh_.images.begin(), mesh_.images.end(), isAlike) &&
                       std::find(mesh_.image_of.begin(), mesh_.image_of.end(), kNoImage) == mesh_.image_of.end();
     if (none) own.tint = glm::vec3(1);
-    add(paletteImage({glm::u8vec3(none ? kPlainGrey : uint8_t{255})}), own);
+    add({paletteImage({glm::u8vec3(none ? kPlainGrey : uint8_t{255})}), {}}, own);
   }
 
   // Of a scan without images: of all vertices.
@@ -265,31 +290,29 @@ class TextureReader {
   Result<void> checkBeside(const ImageFile& file) const {
     return file.bytes || a_.allow_outside ? Result<void>() : checkBesideMesh(a_.mesh, file.path, "the image");
   }
-  Result<Image8> readFile(const ImageFile& file) const {
-    return file.bytes ? readInnerImage(a_, *file.bytes) : readImage8(file.path, a_.images);
-  }
   void addSource(const ImageFile& file) {
     if (!file.path.empty() && paths_.insert(file.path).second)
       out_.sources.push_back(FileProvenance(file.path, true).get());
   }
 
   // The limit holds for all together: each is made as much smaller as the others.
-  void add(Image8 image, const MeshImage& own) {
+  void add(ImageAndJpeg read, const MeshImage& own) {
+    auto& [image, jpeg] = read;
     const bool palette = !own.palette.empty();
     if (image.channels == 2 || image.channels == 4)
       if (++with_alpha_ == 1) first_with_alpha_ = own.file.path.empty() ? a_.mesh : own.file.path;
     toThreeChannels(image);
-    multiply(image, own.tint);
-    for (int k = 0; k < halvings_ && !palette; ++k) halve(image);
+    if (multiply(image, own.tint)) jpeg = {};
+    for (int k = 0; k < halvings_ && !palette; ++k) halve(image), jpeg = {};
     out_.images.push_back({.repeats = own.repeats, .palette = palette});
-    out_.jpegs.push_back(palette || !own.file.isThere() ? std::vector<uint8_t>()
-                                                        : jpegOf(image, own.file.path, own.file.bytes.get()));
+    out_.jpegs.push_back(std::move(jpeg));
     out_.pixels.push_back(std::move(image));
     out_.normal_pixels.emplace_back();
     out_.normal_jpegs.emplace_back();
     addSource(own.file);
     if (!palette && own.normals.file.isThere()) addNormals(own.normals);
     const uint64_t most = std::max(a_.package.memory_budget_bytes / 3, a_.images.decodedLimit());
+    if (bytes() > most) shrinkNormals();
     while (read_ + with_normals_ > 1 && bytes() > most && halvings_ < kMostHalvings) {
       ++halvings_;
       for (size_t i = 0; i < out_.pixels.size(); ++i) {
@@ -316,19 +339,19 @@ class TextureReader {
       leaveOut(beside.error().message, map.file);
       return;
     }
-    auto image = readFile(map.file);
-    if (!image) {
-      leaveOut(image.error().message, map.file);
+    auto read = readImageOrJpeg(a_, map.file);
+    if (!read) {
+      leaveOut(read.error().message, map.file);
       return;
     }
-    toThreeChannels(*image);
-    if (map.may_be_bumps && !hasNormals(*image)) {
+    auto& [image, jpeg] = *read;
+    toThreeChannels(image);
+    if (map.may_be_bumps && !hasNormals(image)) {
       leaveOut("expected normals in tangent space, found a map of another kind", map.file);
       return;
     }
-    scaleNormals(*image, map.scale);
-    out_.normal_jpegs.back() = jpegOf(*image, map.file.path, map.file.bytes.get());
-    out_.normal_pixels.back() = std::move(*image);
+    if (!scaleNormals(image, map.scale)) out_.normal_jpegs.back() = std::move(jpeg);
+    out_.normal_pixels.back() = std::move(image);
     ++with_normals_;
     addSource(map.file);
     for (int k = 0; k < halvings_; ++k) halveNormals(out_.images.size() - 1);

@@ -3,6 +3,7 @@
 
 #include <gtest/gtest.h>
 
+#include <array>
 #include <cmath>
 
 namespace relievo {
@@ -53,6 +54,21 @@ TEST(ImageFill, WhatIsShownStaysAndTheRestIsLikeItsNeighbours) {
       ASSERT_TRUE(x >= 36 || now[0] > now[2]) << x << " " << y;
       ASSERT_TRUE(x < 60 || now[0] < now[2]) << x << " " << y;
     }
+}
+
+// Their rows are filled by several threads.
+TEST(ImageFill, AllRowsOfALargeOneAreFilled) {
+  constexpr int kLarge = 1500;
+  std::vector<uint8_t> rgb;
+  for (int i = 0; i < kLarge * kLarge; ++i) {
+    const bool left = i % kLarge < kLarge / 2;
+    const std::array<uint8_t, 3> colour = left ? std::array<uint8_t, 3>{200, 0, 0} : std::array<uint8_t, 3>{0, 255, 0};
+    rgb.insert(rgb.end(), colour.begin(), colour.end());
+  }
+  ShownMarks marks(kLarge, kLarge, false);
+  add(marks, 0, 0, kLarge / 2 - 2, kLarge);
+  std::move(marks).fillRest(rgb);
+  for (size_t i = 0; i < rgb.size(); i += 3) ASSERT_TRUE(rgb[i] == 200 && rgb[i + 1] == 0) << i / 3 / kLarge;
 }
 
 TEST(ImageFill, AllOrNothingStays) {

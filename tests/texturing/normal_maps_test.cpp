@@ -296,7 +296,7 @@ TEST(NormalMaps, TheDirectorySaysWhichImagesAreNormals) {
   all.of_patch = allPatches(base, 1);
   all.of_patch[5].image = {2, 0};
   constexpr uint64_t kBytes = 100 + 7 + 50 + 3 + 9;
-  KindsOfImages kinds{.jpegs = true, .in_tails = true, .by_base = true, .colours = true, .normals = true};
+  KindsOfImages kinds{.jpegs = true, .in_tails = true, .by_base = true, .colours = true, .richer = true};
   const auto decode = [&](const PatchImages& images) {
     return decodePatchImages(encodePatchImages(images.images, images.of_patch, base, true), base, kBytes, kinds);
   };
@@ -323,7 +323,7 @@ TEST(NormalMaps, TheDirectorySaysWhichImagesAreNormals) {
   refused([](PatchImages& i) { i.images[2].is_normals = true, i.of_patch[5].image = {0, 0}; }, "behind normals");
   refused([](PatchImages& i) { i.images[2].normals_downwards = true; }, "downwards, and no normals");
   refused([](PatchImages& i) { i.of_patch[7].image[1] = 1; }, "a patch shows normals as colours");
-  kinds.normals = false;
+  kinds.richer = false;
   refused([](PatchImages&) {}, "before version 19");
 }
 

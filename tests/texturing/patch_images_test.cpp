@@ -474,6 +474,21 @@ TEST(PatchImages, ADirectoryOfAnythingIsOneOrAnError) {
   wrong = all;
   wrong.images[0].width = wrong.images[0].height = kMostShownSide;
   refused(wrong, kTileBytes, "too many texels");
+  // All together: 48 Mi before version 19, 80 Mi in it.
+  KindsOfImages richer = kAllKinds;
+  richer.colours = richer.richer = true;
+  wrong = all;
+  wrong.images[1].width = 8192;
+  for (const auto& [rows, kinds] : {std::pair(6140, kAllKinds), std::pair(6148, richer), std::pair(10236, richer)}) {
+    wrong.images[1].height = static_cast<uint32_t>(rows);
+    EXPECT_TRUE(
+        decodePatchImages(encodePatchImages(wrong.images, wrong.of_patch, base, true), base, kTileBytes, kinds).ok())
+        << rows;
+  }
+  wrong.images[1].height = 6148;
+  refused(wrong, kTileBytes, "more than 48 Mi texels before version 19");
+  wrong.images[1].height = 10244;
+  refused(wrong, kTileBytes, "more than 80 Mi texels", richer);
   wrong = all;
   wrong.images[1].tiles[0].size = 3 * 128 * 129 + (64 << 10) + 1;
   refused(wrong, kTileBytes - 40'001 + wrong.images[1].tiles[0].size, "a JPEG of more bytes than its texels");
@@ -993,6 +1008,22 @@ TEST(PatchImages, AnImageThatCameAsAJpegStaysOne) {
   options.output = folder.file("c.relievo");
   ASSERT_TRUE(buildPatchPackage(ShowingPatches(jpegPicture(false, true)), options).ok());
   EXPECT_EQ(packageVersion((*Package::open(options.output))->header()), 14u);
+}
+
+TEST(PatchImages, ManyTexelsMakeAPackageOfVersion19) {
+  ScratchFolder folder;
+  Picture large{8192, 6148, false, {}, false, {}};
+  large.rgb.assign(size_t{3} * 8192 * 6148, 100);
+  ASSERT_TRUE(buildPatchPackage(ShowingPatches(std::move(large)), optionsOf(folder.file("a.relievo"))).ok());
+  EXPECT_EQ(packageVersion((*Package::open(folder.file("a.relievo")))->header()), 19u);
+  // Of too many none is built, whatever they look like.
+  const auto built =
+      buildPatchPackage(ShowingPatches(Picture{8192, 10244, false, {}, false, {}}), optionsOf(folder.file("b")));
+  ASSERT_FALSE(built.ok());
+  EXPECT_EQ(built.error().kind, ErrorKind::kUsage);
+  BuildOptions old = optionsOf(folder.file("b"));
+  old.base_parity = false;
+  EXPECT_FALSE(buildPatchPackage(ShowingPatches(Picture{8192, 6148, false, {}, false, {}}), old).ok());
 }
 
 TEST(PatchImages, BesideThemOwnColoursGoOn) {

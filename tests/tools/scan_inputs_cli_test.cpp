@@ -10,6 +10,7 @@
 #include "tests/view_share.h"
 #include "texturing/codec/page_codec.h"
 #include "texturing/package/package.h"
+#include "texturing/package/package_layout.h"
 
 namespace scan_inputs_cli_test {
 
@@ -138,7 +139,6 @@ TEST_F(ScanInputs, AnImageInsideAGltfColoursIt) {
 }
 
 TEST_F(ScanInputs, AJpegIsKeptAsItIs) {
-  constexpr int kSide = 1024;
   test::Sample s = test::sheet(24, 24, 0.01);
   for (const auto& t : s.triangles) {
     std::array<glm::vec2, 3> uv;
@@ -146,10 +146,13 @@ TEST_F(ScanInputs, AJpegIsKeptAsItIs) {
       uv[k] = {static_cast<float>(s.positions[t[k]].x / 0.24), static_cast<float>(s.positions[t[k]].y / 0.24)};
     s.corner_uv.push_back(uv);
   }
-  std::vector<uint8_t> texels;
-  for (int i = 0; i < 3 * kSide * kSide; ++i)
-    texels.push_back(static_cast<uint8_t>(128 + 90 * std::sin(0.9 * (i / 3 % kSide)) * std::cos(0.7 * (i / 3 / kSide)) +
-                                          (i * 2654435761u >> 28)));
+  const auto texels = [](int side) {
+    std::vector<uint8_t> out;
+    for (int i = 0; i < 3 * side * side; ++i)
+      out.push_back(static_cast<uint8_t>(128 + 90 * std::sin(0.9 * (i / 3 % side)) * std::cos(0.7 * (i / 3 / side)) +
+                                         (i * 2654435761u >> 28)));
+    return out;
+  };
   // Built with the image of these bytes: the package's bytes for all images.
   const auto bytesOf = [&](const std::vector<uint8_t>& picture, const char* name, const std::string& factor = "") {
     write(name, std::string(picture.begin(), picture.end()));
@@ -163,12 +166,48 @@ TEST_F(ScanInputs, AJpegIsKeptAsItIs) {
     return (*Package::open(file("a.relievo")))->shownImages().bytes;
   };
   for (const bool progressive : {false, true}) {
-    const auto jpeg = jpegFile(kSide, kSide, texels, {.progressive = progressive, .comment = true, .quality = 60});
+    const auto jpeg = jpegFile(1024, 1024, texels(1024), {.progressive = progressive, .comment = true, .quality = 60});
     const uint64_t kept = bytesOf(jpeg, "a.jpg");
     EXPECT_GE(kept, jpeg.size() - 40);
     EXPECT_LE(kept, jpeg.size() + 16'000) << "and where patches lie in it";
     EXPECT_GT(bytesOf(jpeg, "a.jpg", "\"baseColorFactor\":[1,0.5,0.5,1],"), 2 * kept) << "other colours than its own";
   }
+  // Of a large one some tiles are encoded first, and tell.
+  const auto large = jpegFile(3072, 3072, texels(3072), {.quality = 60});
+  EXPECT_LE(bytesOf(large, "b.jpg"), large.size() + 16'000);
+  const auto plain = jpegFile(3072, 3072, std::vector<uint8_t>(size_t{3} * 3072 * 3072, 90), {});
+  EXPECT_LT(bytesOf(plain, "b.jpg"), plain.size() / 2);
+}
+
+// Of a JPEG that claims more than it may it is said, by whichever reader.
+TEST_F(ScanInputs, AJpegOfTooManyTexelsIsRefused) {
+  const auto jpeg = jpegFile(2048, 2048, std::vector<uint8_t>(size_t{3} * 2048 * 2048, 90), {});
+  write("a.jpg", std::string(jpeg.begin(), jpeg.end()));
+  write("a.glb", test::glbFile(test::mappedSheet(4, 2).sample,
+                               ",\"materials\":[{\"pbrMetallicRoughness\":{\"baseColorTexture\":{\"index\":0}}}],"
+                               "\"textures\":[{\"source\":0}],\"images\":[{\"uri\":\"a.jpg\"}]"));
+  const auto saidWith = [&](const std::string& option, int exit_code) {
+    const Outcome ran = relievo("build --mesh " + file("a.glb") + " -o " + file("a.relievo") + " " + option);
+    EXPECT_EQ(ran.exit_code, exit_code) << ran.output;
+    return ran.output;
+  };
+  EXPECT_NE(saidWith("--max-image-mib 8", 4).find("takes 12 MiB decoded, expected at most 8 MiB"), std::string::npos);
+  EXPECT_NE(saidWith("--max-packing 9", 3).find("a.jpg: expected at least 1398101 bytes"), std::string::npos);
+  saidWith("", 0);
+}
+
+// Larger than the pages of all patches would be in any reasonable time.
+TEST_F(ScanInputs, AnImageOf8192TexelsASideIsShownAsItIs) {
+  if (test::kSanitized) GTEST_SKIP() << "about figures; others build scans under the sanitizer";
+  const auto jpeg = jpegFile(8192, 8192, std::vector<uint8_t>(size_t{3} * 8192 * 8192, 90), {});
+  write("a.jpg", std::string(jpeg.begin(), jpeg.end()));
+  write("a.glb", test::glbFile(test::mappedSheet(40, 2).sample,
+                               ",\"materials\":[{\"pbrMetallicRoughness\":{\"baseColorTexture\":{\"index\":0}}}],"
+                               "\"textures\":[{\"source\":0}],\"images\":[{\"uri\":\"a.jpg\"}]"));
+  built("a.glb");
+  EXPECT_NE(said_.find("images    1 stored once and as they are; 1600 patches show them"), std::string::npos) << said_;
+  EXPECT_EQ(packageVersion((*Package::open(file("a.relievo")))->header()), 19u);
+  EXPECT_EQ(relievo("verify " + file("a.relievo")).exit_code, 0);
 }
 
 // A sheet of 120 x 60 mm in four strips: an image, another one, a colour, no material.
@@ -400,17 +439,28 @@ TEST_F(ScanInputs, AMapOfNormalsThatCannotBeUsedIsLeftOut) {
 // A package has room for so many texels of images: a map of more is halved, where its colours are not.
 TEST_F(ScanInputs, AMapOfNormalsOfTooManyTexelsIsMadeSmaller) {
   if (test::kSanitized) GTEST_SKIP() << "about figures; others build scans under the sanitizer";
-  constexpr int kSide = 7168;
+  constexpr int kSide = 9216;
   std::vector<uint8_t> texels(size_t{3} * kSide * kSide, 128);
   for (size_t i = 2; i < texels.size(); i += 3) texels[i] = 255;
+  const auto plain = jpegFile(4096, 4096, std::vector<uint8_t>(size_t{3} * 4096 * 4096, 90), {});
   const auto jpeg = jpegFile(kSide, kSide, std::move(texels), {});
   write("n.jpg", std::string(jpeg.begin(), jpeg.end()));
   write("a.glb", test::glbFile(test::mappedSheet(40, 2).sample, mappedMaterial("n.jpg")));
   built("a.glb");
-  EXPECT_NE(said_.find("its maps of normals are made smaller; images may have 48 Mi texels together"),
+  EXPECT_NE(said_.find("its maps of normals are made smaller; images may have 80 Mi texels together"),
             std::string::npos)
       << said_;
   EXPECT_NE(said_.find("normals   of 1 map are used"), std::string::npos) << said_;
+  // Where memory is short, too, before colours are.
+  write("c.jpg", std::string(plain.begin(), plain.end()));
+  write("a.glb",
+        test::glbFile(test::mappedSheet(40, 2).sample,
+                      ",\"materials\":[{\"normalTexture\":{\"index\":0},\"pbrMetallicRoughness\":{\"baseColorTexture\":"
+                      "{\"index\":1}}}],\"textures\":[{\"source\":0},{\"source\":1}],\"images\":[{\"uri\":\"n.jpg\"},"
+                      "{\"uri\":\"c.jpg\"}]"));
+  built("a.glb");
+  EXPECT_NE(said_.find("its maps of normals are made smaller"), std::string::npos) << said_;
+  EXPECT_EQ(said_.find("are read at 1/"), std::string::npos) << said_;
 }
 
 // The project's own .glb is read as it was written, in the scan's own mm.

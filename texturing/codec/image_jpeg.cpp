@@ -76,6 +76,17 @@ std::vector<uint8_t> plainJpeg(std::span<const uint8_t> file) {
   return {};
 }
 
+std::optional<JpegSize> sizeOfPlainJpeg(std::span<const uint8_t> jpeg) {
+  const auto two = [&](size_t at) { return uint32_t{jpeg[at]} << 8 | jpeg[at + 1]; };
+  // Behind a frame's marker lie its length, its precision, then height and width.
+  for (size_t at = 2; at < jpeg.size() && jpeg.size() - at >= 9 && jpeg[at] == 0xFF; at += 2 + size_t{two(at + 2)}) {
+    const uint8_t marker = jpeg[at + 1];
+    if (marker == kBaseline || marker == kExtended || marker == kProgressive) return JpegSize{two(at + 7), two(at + 5)};
+    if (marker == kScan) break;
+  }
+  return std::nullopt;
+}
+
 struct ImageJpegReader::Impl {
   jpeg_decompress_struct info;
   jpeg::JumpingErrors errors;

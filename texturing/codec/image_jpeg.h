@@ -7,6 +7,7 @@
 #include <cstddef>
 #include <cstdint>
 #include <memory>
+#include <optional>
 #include <span>
 #include <vector>
 
@@ -19,6 +20,11 @@ inline constexpr int kMostJpegScans = 32;  // encoders make about ten: so many b
 // What its decoding needs, without what only describes it (Exif, profiles, comments, thumbnails) and what follows it;
 // empty: it is no JPEG of such a kind.
 std::vector<uint8_t> plainJpeg(std::span<const uint8_t> file);
+// Width and height in texels, as the frame of such a JPEG says; or nothing.
+struct JpegSize {
+  uint32_t width = 0, height = 0;
+};
+std::optional<JpegSize> sizeOfPlainJpeg(std::span<const uint8_t> jpeg);
 
 // Safe for untrusted bytes.
 class ImageJpegReader {

@@ -6,6 +6,8 @@
 #include <cstdlib>
 #include <vector>
 
+#include "src/base/parallel_for.h"
+
 namespace relievo {
 namespace {
 
@@ -24,12 +26,21 @@ struct Level {
   std::vector<uint8_t> known;  // 1: some of it is
 };
 
+// A level's rows, on as many threads as there are cores where it is large.
+template <class Row>
+void forEachRow(const Level& level, Row&& row) {
+  const size_t rows_a_job = (size_t{1} << 18) / level.width + 1;
+  parallelFor((level.height + rows_a_job - 1) / rows_a_job, 0, nullptr, [&](size_t job) {
+    for (size_t y = job * rows_a_job; y < std::min((job + 1) * rows_a_job, level.height); ++y) row(y);
+  });
+}
+
 // Fills `out`, the next coarser level, from a level.
 void halve(const Level& fine, std::span<const uint8_t> rgb, Level& out) {
   out = {(fine.width + 1) / 2, (fine.height + 1) / 2, {}, {}};
   out.rgb.assign(3 * out.width * out.height, 0);
   out.known.assign(out.width * out.height, 0);
-  for (size_t y = 0; y < out.height; ++y)
+  forEachRow(out, [&](size_t y) {
     for (size_t x = 0; x < out.width; ++x) {
       const size_t to = y * out.width + x;
       std::array<int, 3> sum{};
@@ -44,6 +55,7 @@ void halve(const Level& fine, std::span<const uint8_t> rgb, Level& out) {
       for (size_t c = 0; c < 3; ++c) out.rgb[3 * to + c] = static_cast<uint8_t>((2 * sum[c] + count) / (2 * count));
       out.known[to] = 1;
     }
+  });
 }
 
 // What is not known of a level, between the texels of the next coarser one.
@@ -56,7 +68,7 @@ void fillFrom(const Level& coarse, const Level& fine, std::span<uint8_t> rgb) {
     const size_t quarters = std::min(2 * at - std::min<size_t>(at, 1), 4 * (count - 1)), low = quarters / 4;
     return Place{low, std::min(low + 1, count - 1), static_cast<uint32_t>(quarters % 4)};
   };
-  for (size_t y = 0; y < fine.height; ++y)
+  forEachRow(fine, [&](size_t y) {
     for (size_t x = 0; x < fine.width; ++x) {
       const size_t to = y * fine.width + x;
       if (fine.known[to]) continue;
@@ -68,6 +80,7 @@ void fillFrom(const Level& coarse, const Level& fine, std::span<uint8_t> rgb) {
         rgb[3 * to + c] = static_cast<uint8_t>((top * (4 - v.to_high) + bottom * v.to_high + 8) / 16);
       }
     }
+  });
 }
 
 }  // namespace

@@ -92,7 +92,7 @@ uint32_t baseKind(const PackageHeader& h) {
   return h.base_parity ? 5 : h.base_by_border ? 4 : h.light_patches ? 3 : h.coded_base ? 2 : 1;
 }
 uint32_t imagesKind(const PackageHeader& h) {
-  return h.normal_maps ? 6 : h.corner_colours ? 5 : h.base_parity ? 4 : h.image_tails ? 3 : h.image_jpegs ? 2 : 1;
+  return h.richer_images ? 6 : h.corner_colours ? 5 : h.base_parity ? 4 : h.image_tails ? 3 : h.image_jpegs ? 2 : 1;
 }
 // Version 5: how texture levels that patches do not have are left out, 1. Version 4: 0; from version 6 on: either.
 constexpr size_t kTextureDepthsField = 2060;
@@ -107,7 +107,7 @@ constexpr size_t kIndexField = 2072;
 constexpr size_t kCutField = 2076;
 // From version 13 on: how images that patches show are stored, and where; in version 14 also 0: there are none;
 // in version 15 2: some are JPEGs; in version 16 3: tails are made of them; in version 17 4: normals follow the base;
-// in version 18 5: corners may have colours; in version 19 6: images may have maps of normals.
+// in version 18 5: corners may have colours; in version 19 6: images may have maps of normals, and more texels.
 constexpr size_t kImagesField = 2080, kImagesPlaceFields = 2088;
 // From version 14 on: how colours of tails end, 1; from version 15 on also 0: not so.
 constexpr size_t kTailEdgesField = 2084;
@@ -502,7 +502,7 @@ class HeaderDecoder {
     h_.image_tails = version_ >= 16;
     h_.base_parity = version_ >= 17;
     h_.corner_colours = version_ >= 18;
-    h_.normal_maps = version_ >= 19;
+    h_.richer_images = version_ >= 19;
     h_.tail_edges = version_ == 14 || (version_ >= 15 && at<uint32_t>(kTailEdgesField) != 0);
     h_.cut_patches = version_ == 11 || (version_ >= 12 && at<uint32_t>(kCutField) != 0);
     h_.light_patches = version_ >= 11 ? at<uint32_t>(kIndexField) != 0 : version_ >= 10;

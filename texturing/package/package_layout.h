@@ -86,8 +86,9 @@ struct PackageHeader {
   bool base_parity = false;
   // Version 18, one of version 17 where halves of patches have colours of corners instead of images.
   bool corner_colours = false;
-  // Version 19, one of version 18, which needs no such colours here, some of whose images have maps of normals.
-  bool normal_maps = false;
+  // Version 19, one of version 18, which needs no such colours here, some of whose images have maps of normals, or
+  // whose images have more than kMostTexelsBefore19.
+  bool richer_images = false;
   // Version 14, one of version 12 or 13 with cut patches whose tails' colours end at edges (isColourEdge()).
   bool tail_edges = false;
   uint64_t tilesOffset() const { return tails_offset + tails_bytes; }
@@ -107,7 +108,7 @@ struct PackageHeader {
 // of those bases stay what they were.
 inline uint32_t packageVersion(const PackageHeader& h) {
   if (h.compact)
-    return h.normal_maps      ? 19
+    return h.richer_images    ? 19
            : h.corner_colours ? 18
            : h.base_parity    ? 17
            : h.image_tails    ? 16

@@ -198,7 +198,7 @@ struct Package::Impl {
                                         .in_tails = header.image_tails,
                                         .by_base = header.base_parity,
                                         .colours = header.corner_colours,
-                                        .normals = header.normal_maps});
+                                        .richer = header.richer_images});
       if (!decoded) return damagedImages(decoded.error().message, offset);
       for (const PatchImage& patch : decoded->of_patch)
         if (patch.depth > header.domain.texture_depth)
@@ -256,18 +256,20 @@ struct Package::Impl {
     std::lock_guard lock(read.mutex);
     if (read.image) return read.image;
     const StoredImage& stored = images.images[number];
-    std::vector<uint8_t> rgb(size_t{3} * stored.width * stored.height);
+    const size_t texel_bytes = size_t{3} * stored.width * stored.height;
+    std::vector<uint8_t> rgb;
+    rgb.reserve(texel_bytes + 1);  // as ShownImage::withRoom()
+    rgb.resize(texel_bytes);
     PageDecoder decoder;
     if (auto done = readImage(number, decoder, nullptr, rgb); !done) return done.error();
     const SourceImage image{.width = static_cast<int>(stored.width),
                             .height = static_cast<int>(stored.height),
                             .repeats = stored.repeats,
-                            .rgb = rgb,
                             .is_normals = stored.is_normals};
     const size_t named = stored.is_normals ? number - 1 : number;
     const glm::ivec2 places = placeSize(images.images, named);
     if (stored.fill) fillImage(image, named, places, images.of_patch, rgb);
-    read.image = std::make_shared<const ShownImage>(image, places);
+    read.image = std::make_shared<const ShownImage>(image, places, std::move(rgb));
     return read.image;
   }
   // A map that cannot be read is said to be damaged where images are read; without it the surface is smooth.

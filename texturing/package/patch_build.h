@@ -76,8 +76,7 @@ struct Context {
   // What patches show of images that the package has once (patch_images.h); empty: none does.
   std::vector<PatchImage> image_of_patch;
   std::vector<ShownImage> shown_images;
-  std::vector<TangentFrame> frames;                 // framesOfHalves()
-  std::vector<std::vector<uint8_t>> filled_images;  // SourceImage::fill, R G B; others: empty
+  std::vector<TangentFrame> frames;  // framesOfHalves()
   bool showsImage(uint32_t patch) const { return !image_of_patch.empty() && image_of_patch[patch].shows(); }
   bool showsPages(uint32_t patch) const { return showsImage(patch) && !image_of_patch[patch].in_tail; }
   std::array<const ShownImage*, 2> imagesOf(uint32_t patch) const {

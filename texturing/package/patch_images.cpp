@@ -165,12 +165,14 @@ std::array<glm::ivec2, 3> placesIn(const glm::ivec2& size, const glm::ivec2& pla
 }
 
 ShownImage::ShownImage(const SourceImage& image, const glm::ivec2& place_size)
+    : ShownImage(image, place_size, withRoom(image.rgb)) {}
+
+ShownImage::ShownImage(const SourceImage& image, const glm::ivec2& place_size, std::vector<uint8_t> rgb)
     : width_(image.width), height_(image.height), place_size_(place_size), repeats_(image.repeats) {
   const MipFilter mip = image.is_normals ? MipFilter::ofNumbers(3) : MipFilter(TextureFormat{.basis = Basis::kColour});
-  levels_.push_back({width_, height_, {}});
-  levels_.back().rgb.reserve(image.rgb.size() + 1);
-  levels_.back().rgb.assign(image.rgb.begin(), image.rgb.end());
-  levels_.back().rgb.push_back(0);
+  rgb.push_back(0);
+  levels_.push_back({width_, height_, std::move(rgb)});
+  const std::span<const uint8_t> finest = texels();
   std::vector<uint16_t> fine, coarse;  // channel after channel
   // from(channel, texel): of the level so far.
   auto halve = [&](auto from) {
@@ -205,9 +207,20 @@ ShownImage::ShownImage(const SourceImage& image, const glm::ivec2& place_size)
   while (levels_.back().width > 1 || levels_.back().height > 1) {
     const Level& last = levels_.back();
     const int64_t texels = last.width * last.height;
-    if (fine.empty()) halve([&](int64_t c, int64_t texel) { return image.rgb[static_cast<size_t>(3 * texel + c)]; });
+    if (fine.empty()) halve([&](int64_t c, int64_t texel) { return finest[static_cast<size_t>(3 * texel + c)]; });
     else halve([&](int64_t c, int64_t texel) { return fine[static_cast<size_t>(c * texels + texel)]; });
   }
+}
+
+std::vector<uint8_t> ShownImage::withRoom(std::span<const uint8_t> rgb) {
+  std::vector<uint8_t> out;
+  out.reserve(rgb.size() + 1);
+  out.assign(rgb.begin(), rgb.end());
+  return out;
+}
+
+std::span<const uint8_t> ShownImage::texels() const {
+  return std::span(levels_[0].rgb).first(levels_[0].rgb.size() - 1);
 }
 
 std::array<glm::ivec2, 3> ShownImage::placesOf(const PatchImage& patch, size_t half) const {
@@ -755,14 +768,15 @@ Result<PatchImages> decodePatchImages(std::span<const uint8_t> bytes, const Base
     image.is_normals = (kind & kIsNormals) != 0;
     image.normals_downwards = (kind & kDownwards) != 0;
     if (kind > (kRepeats | kIsJpeg | kFill | kIsNormals | kDownwards) || (image.fill && !image.is_jpeg) ||
-        (image.is_jpeg && !kinds.jpegs) || (image.is_normals && !kinds.normals) ||
+        (image.is_jpeg && !kinds.jpegs) || (image.is_normals && !kinds.richer) ||
         (image.normals_downwards && !image.is_normals))
       return damaged("an image is of an unknown kind");
     if (image.is_normals && (before == nullptr || before->is_normals)) return damaged("normals belong to no image");
     before = &image;
     texels += uint64_t{image.width} * image.height;
     tiles += image.tileCount();
-    if (texels > kMostShownTexels || tiles > tile_bytes) return damaged("they have too many texels");
+    if (texels > (kinds.richer ? kMostShownTexels : kMostTexelsBefore19) || tiles > tile_bytes)
+      return damaged("they have too many texels");
   }
   uint64_t sum = 0;
   for (StoredImage& image : out.images) {

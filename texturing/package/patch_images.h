@@ -29,6 +29,10 @@ class ShownImage {
  public:
   explicit ShownImage(const SourceImage& image) : ShownImage(image, {image.width, image.height}) {}
   ShownImage(const SourceImage& image, const glm::ivec2& place_size);
+  // rgb: in place of the image's own texels, as withRoom() gives them, so that they are not copied.
+  ShownImage(const SourceImage& image, const glm::ivec2& place_size, std::vector<uint8_t> rgb);
+  static std::vector<uint8_t> withRoom(std::span<const uint8_t> rgb);
+  std::span<const uint8_t> texels() const;  // of the finest level, as SourceImage::rgb
   // A half's places, in 256ths of its own texels.
   std::array<glm::ivec2, 3> placesOf(const PatchImage& patch, size_t half) const;
   // Along x and y: whether the image is repeated beyond its border, else this goes on; and what places count from.
@@ -136,9 +140,9 @@ std::vector<uint8_t> encodePatchImages(std::span<const StoredImage> images, std:
                                        const BaseMesh& base, bool by_base);
 // What there may be: JPEGs from version 15 on, patches whose tails alone show images from version 16 on. From version
 // 17 on normals are predicted by those of the base mesh, or by its halves' planes. From version 18 on halves may have
-// colours of corners, and in version 19 images maps of normals.
+// colours of corners, and in version 19 images maps of normals, and more than kMostTexelsBefore19.
 struct KindsOfImages {
-  bool jpegs = false, in_tails = false, by_base = false, colours = false, normals = false;
+  bool jpegs = false, in_tails = false, by_base = false, colours = false, richer = false;
 };
 // Safe for untrusted bytes. tile_bytes: what all tiles take. The error names what is wrong; its file is empty.
 Result<PatchImages> decodePatchImages(std::span<const uint8_t> bytes, const BaseMesh& base, uint64_t tile_bytes,

@@ -184,8 +184,17 @@ Result<void> takeImages(Context& context, PackageHeader& h, const BuildOptions& 
   context.image_of_patch.reserve(h.domain.patchCount());
   if (!h.base_by_border || !h.cut_patches || options.texture_tolerance < 0 || !hasNormals(h.texture))
     return usage("patches that show images need a package of version 13");
-  h.normal_maps = std::any_of(images.begin(), images.end(), [](const SourceImage& image) { return image.is_normals; });
-  if (h.normal_maps && !h.base_parity) return usage("images with maps of normals need a package of version 19");
+  uint64_t texels = 0;
+  for (const SourceImage& image : images) {
+    h.richer_images |= image.is_normals;
+    texels += static_cast<uint64_t>(image.width) * static_cast<uint64_t>(image.height);
+  }
+  h.richer_images |= texels > kMostTexelsBefore19;
+  if (texels > kMostShownTexels)
+    return usage("images that patches show have at most " + std::to_string(kMostShownTexels >> 20) + " Mi texels");
+  if (h.richer_images && !h.base_parity)
+    return usage("images with maps of normals, or of more than " + std::to_string(kMostTexelsBefore19 >> 20) +
+                 " Mi texels, need a package of version 19");
   for (uint32_t p = 0; p < h.domain.patchCount(); ++p) {
     PatchImage& patch = context.image_of_patch.emplace_back(context.source.imageOf(p));
     if ((patch.in_tail && !h.image_tails) || (patch.hasColours() && !h.base_parity)) patch = {};
@@ -197,18 +206,13 @@ Result<void> takeImages(Context& context, PackageHeader& h, const BuildOptions& 
              return image == kCornerColours || (image < images.size() && !images[image].is_normals);
            }));
   }
-  context.filled_images.resize(images.size());
   for (size_t i = 0; i < images.size(); ++i) {
-    SourceImage image = images[i];
+    const SourceImage& image = images[i];
     const size_t number = image.is_normals ? i - 1 : i;
     const glm::ivec2 places = placeSize(images, number);
-    if (image.fill) {
-      std::vector<uint8_t>& filled = context.filled_images[i];
-      filled.assign(image.rgb.begin(), image.rgb.end());
-      fillImage(image, number, places, context.image_of_patch, filled);
-      image.rgb = filled;
-    }
-    context.shown_images.emplace_back(image, places);
+    std::vector<uint8_t> rgb = ShownImage::withRoom(image.rgb);
+    if (image.fill) fillImage(image, number, places, context.image_of_patch, rgb);
+    context.shown_images.emplace_back(image, places, std::move(rgb));
   }
   context.frames = framesOfHalves(normalsOfImages(images), context.image_of_patch, context.source.base());
   return {};
@@ -220,26 +224,53 @@ struct EncodedImages {
   std::vector<uint8_t> directory;
   bool jpegs = false;
 };
+struct TilePlace {
+  size_t image;
+  uint32_t number, column, row;
+};
+// Once an image's tiles take more than the JPEG that it came as, no more of them are needed; nor, of one with many,
+// where a few that lie all over it say so clearly.
+class TilesOrJpegs {
+ public:
+  TilesOrJpegs(std::span<const SourceImage> images, std::span<const StoredImage> stored)
+      : images_(images), stored_(stored), taken_(images.size()), clearly_(images.size()) {}
+  bool isSample(const TilePlace& place) const {
+    return !images_[place.image].jpeg.empty() && stored_[place.image].tileCount() >= kMany &&
+           place.number % kEvery == 0;
+  }
+  void add(const TilePlace& place, size_t bytes) { taken_[place.image] += bytes; }
+  void chooseBySamples() {
+    for (size_t i = 0; i < images_.size(); ++i)
+      clearly_[i] = isSample({i, 0, 0, 0}) && kEvery * taken_[i] > kClearly * images_[i].jpeg.size();
+  }
+  bool isJpeg(size_t image) const {
+    const size_t bytes = images_[image].jpeg.size();
+    return bytes > 0 && (clearly_[image] || bytes < taken_[image]);
+  }
+
+ private:
+  static constexpr uint64_t kMany = 512, kEvery = 17;  // no divisor of a row's tiles, as a rule
+  static constexpr uint64_t kClearly = 2;              // times as many bytes
+  std::span<const SourceImage> images_;
+  std::span<const StoredImage> stored_;
+  std::vector<std::atomic<uint64_t>> taken_;
+  std::vector<uint8_t> clearly_;
+};
 Result<EncodedImages> encodeImages(const Context& context, const BuildOptions& options, int workers) {
   if (context.image_of_patch.empty()) return EncodedImages{};
   std::vector<SourceImage> images = context.source.images();
-  for (size_t i = 0; i < images.size(); ++i)
-    if (images[i].fill) images[i].rgb = context.filled_images[i];
+  for (size_t i = 0; i < images.size(); ++i) images[i].rgb = context.shown_images[i].texels();  // filled
   const auto tolerances = channelTolerances(context.header.texture, options.texture_tolerance);
   std::vector<StoredImage> stored;
-  struct Place {
-    size_t image;
-    uint32_t column, row;
-  };
-  std::vector<Place> places;
+  std::vector<TilePlace> places;
   for (const SourceImage& image : images) {
     StoredImage& s = stored.emplace_back();
     s.width = static_cast<uint32_t>(image.width), s.height = static_cast<uint32_t>(image.height);
     s.repeats = image.repeats;
     s.is_normals = image.is_normals;
     s.normals_downwards = image.normals_downwards;
-    for (uint32_t row = 0; row < s.rows(); ++row)
-      for (uint32_t column = 0; column < s.columns(); ++column) places.push_back({stored.size() - 1, column, row});
+    for (uint32_t i = 0; i < s.tileCount(); ++i)
+      places.push_back({stored.size() - 1, i, i % s.columns(), i / s.columns()});
   }
   struct Worker {
     explicit Worker(int zstd_level) : encoder(zstd_level) {}
@@ -247,23 +278,28 @@ Result<EncodedImages> encodeImages(const Context& context, const BuildOptions& o
     std::vector<uint8_t> channels = std::vector<uint8_t>(kTexturePageBytes);
   };
   std::vector<std::vector<uint8_t>> tiles(places.size());
-  // Once an image's tiles take more than the JPEG that it came as, no more of them are needed.
-  std::vector<std::atomic<uint64_t>> taken(images.size());
-  auto isJpeg = [&](size_t image) { return !images[image].jpeg.empty() && images[image].jpeg.size() < taken[image]; };
-  const bool whole = parallelForWith(
-      places.size(), workers, options.interrupted, [&] { return std::make_unique<Worker>(options.zstd_level); },
-      [&](std::unique_ptr<Worker>& worker, size_t i) {
-        if (isJpeg(places[i].image)) return;
-        cutTile(images[places[i].image], places[i].column, places[i].row, worker->channels);
-        const size_t plane = images[places[i].image].is_normals ? 1 : 0;
-        const PageEncoding encoding = context.header.encodings[plane];
-        const auto bytes = encoding.codec == PageCodec::kLossless
-                               ? worker->encoder.encodeTextureWithin(worker->channels,
-                                                                     std::span(tolerances).subspan(3 * plane, 3), true)
-                               : worker->encoder.encodeTexture(worker->channels, encoding);
-        tiles[i].assign(bytes.begin(), bytes.end());
-        taken[places[i].image] += bytes.size();
-      });
+  TilesOrJpegs choice(images, stored);
+  auto encode = [&](bool of_samples) {
+    return parallelForWith(
+        places.size(), workers, options.interrupted, [&] { return std::make_unique<Worker>(options.zstd_level); },
+        [&](std::unique_ptr<Worker>& worker, size_t i) {
+          const TilePlace& place = places[i];
+          if (choice.isSample(place) != of_samples || choice.isJpeg(place.image)) return;
+          cutTile(images[place.image], place.column, place.row, worker->channels);
+          const size_t plane = images[place.image].is_normals ? 1 : 0;
+          const PageEncoding encoding = context.header.encodings[plane];
+          const auto bytes = encoding.codec == PageCodec::kLossless
+                                 ? worker->encoder.encodeTextureWithin(
+                                       worker->channels, std::span(tolerances).subspan(3 * plane, 3), true)
+                                 : worker->encoder.encodeTexture(worker->channels, encoding);
+          tiles[i].assign(bytes.begin(), bytes.end());
+          choice.add(place, bytes.size());
+        });
+  };
+  const bool samples = std::any_of(places.begin(), places.end(), [&](const auto& p) { return choice.isSample(p); });
+  bool whole = !samples || encode(true);
+  choice.chooseBySamples();
+  whole = whole && encode(false);
   if (!whole) return Error{ErrorKind::kInterrupted, options.output, "interrupted", "nothing was written", {}};
   // Of an image that came as a JPEG this takes fewer bytes, as a rule: not where hardly any of an atlas is shown.
   std::vector<std::vector<uint8_t>> kept;
@@ -271,7 +307,7 @@ Result<EncodedImages> encodeImages(const Context& context, const BuildOptions& o
     StoredImage& s = stored[image];
     const size_t end = begin + s.tileCount();
     const std::span<const uint8_t> jpeg = images[image].jpeg;
-    s.is_jpeg = isJpeg(image);
+    s.is_jpeg = choice.isJpeg(image);
     s.fill = s.is_jpeg && images[image].fill;
     if (s.is_jpeg) kept.emplace_back(jpeg.begin(), jpeg.end());
     else
