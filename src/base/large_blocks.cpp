@@ -7,7 +7,7 @@
 #include <sys/mman.h>
 
 #include <cstddef>
-#include <cstdlib>
+#include <cstdint>
 
 // Names are ld's, of operator new(size_t) and operator new[](size_t).
 extern "C" {
@@ -19,25 +19,19 @@ void* __wrap__Znam(size_t bytes);
 
 namespace {
 
-constexpr size_t kHugePage = size_t{2} << 20;
-constexpr size_t kLarge = 2 * kHugePage;  // half of it would lie in none
+constexpr uintptr_t kPage = 4096;
+constexpr size_t kLarge = size_t{4} << 20;  // two huge pages: one that is smaller may have none of its own
 
-// Null: there is no such block.
-void* largeBlock(size_t bytes) {
-  void* const block = std::aligned_alloc(kHugePage, bytes);
-  if (block) madvise(block, bytes / kHugePage * kHugePage, MADV_HUGEPAGE);
+// The pages that begin in the block, and the one that it begins in, as malloc's own word lies there.
+void* inHugePages(void* block, size_t bytes) {
+  if (bytes < kLarge) return block;
+  const auto at = reinterpret_cast<uintptr_t>(block);
+  const uintptr_t first = at / kPage * kPage, last = (at + bytes) / kPage * kPage;
+  madvise(reinterpret_cast<void*>(first), last - first, MADV_HUGEPAGE);  // without any it stays as it is
   return block;
 }
 
 }  // namespace
 
-// Those of the standard library say that memory is short.
-void* __wrap__Znwm(size_t bytes) {
-  void* const block = bytes < kLarge ? nullptr : largeBlock(bytes);
-  return block ? block : __real__Znwm(bytes);
-}
-
-void* __wrap__Znam(size_t bytes) {
-  void* const block = bytes < kLarge ? nullptr : largeBlock(bytes);
-  return block ? block : __real__Znam(bytes);
-}
+void* __wrap__Znwm(size_t bytes) { return inHugePages(__real__Znwm(bytes), bytes); }
+void* __wrap__Znam(size_t bytes) { return inHugePages(__real__Znam(bytes), bytes); }
