@@ -62,6 +62,14 @@ MapLine mapOf(std::string_view text) {
     }
     text = rest;
   }
+  // Some programs write it behind the name.
+  constexpr std::string_view kBehind = " -bm ";
+  double bumps = 0;
+  if (const size_t at = text.rfind(kBehind);
+      at < text.size() && parseNumber(trimmed(text.substr(at + kBehind.size())), bumps) && std::isfinite(bumps)) {
+    map.bumps = bumps;
+    text = text.substr(0, at);
+  }
   map.path = trimmed(text);
   std::replace(map.path.begin(), map.path.end(), '\\', '/');
   return map;

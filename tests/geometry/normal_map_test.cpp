@@ -181,6 +181,13 @@ TEST(NormalMap, OfAnObjIsNamedByNormOrBump) {
   m = read("norm n.png\nmap_Bump -bm 0.5 my bumps.png\n");
   EXPECT_EQ(m.mesh.images[0].normals.file.path, (meshFolder() / "n.png").string()) << "in any order";
   // Without an image, with the colour; as bumps, with their factor.
+  for (const char* behind : {"bump my bumps.png -bm 0.5\n", "bump  my bumps.png  -bm 0.5 \n"}) {
+    m = read(behind);
+    EXPECT_EQ(m.mesh.images[0].normals.file.path, (meshFolder() / "my bumps.png").string()) << behind;
+    EXPECT_EQ(m.mesh.images[0].normals.scale, 0.5f);
+  }
+  m = read("bump my -bm bumps.png\n");
+  EXPECT_EQ(m.mesh.images[0].normals.file.path, (meshFolder() / "my -bm bumps.png").string()) << "a part of its name";
   m = read("map_Bump -bm 0.5 my bumps.png\n");
   ASSERT_EQ(m.mesh.images.size(), 1u);
   EXPECT_FALSE(m.mesh.images[0].file.isThere());
