@@ -268,6 +268,8 @@ Result<void> MeshBuild::read() {
   read_options.keep_units = true;
   read_options.workers = a_.package.workers;
   read_options.allow_outside = a_.allow_outside;
+  // Each of its own triangles may be shown then.
+  if (a_.patches == 0 && a_.ptm.empty()) read_options.all_pieces_up_to = 2 * size_t{kManyLightFaces};
   read_options.other_image = !a_.ptm.empty() || (!a_.texture.empty() && a_.texture != "none");
   auto loaded = stages_.run("read", read_options, [&] {
     auto mesh = readMesh(a_.mesh, read_options);
@@ -569,7 +571,9 @@ Result<bool> MeshBuild::useFewFacesAtOnce() {
   // Before anything is asked of all triangles.
   const size_t triangles = loaded_.mesh.triangles.size();
   const uint32_t most_light = mostLightFacesAtLast(faceTexels(), 1);
-  if (most_light > 0 && isHopeless(loaded_.diagnosis.pieces, 0, 1))  // with a patch each
+  const size_t pieces = loaded_.diagnosis.pieces;
+  const bool many_pieces = pieces > kManyPieces && triangles <= 2 * size_t{kManyLightFaces};
+  if (most_light > 0 && (many_pieces || isHopeless(pieces, 0, 1)))  // with a patch each
     if (const Result<bool> own = useFaces(most_light); !own || *own) return own;
   if (triangles > 2 * size_t{kManyLightFaces}) return false;
   const std::vector<double> texels = imageTexels();

@@ -198,7 +198,8 @@ Result<LoadedMesh> finish(RawMesh raw, const std::string& name, const MeshReadOp
   auto progress = [&](double done) {
     if (options.progress) options.progress(0.6 + 0.4 * done);
   };
-  if (auto repaired = repairTriangles(mesh, out.diagnosis, name, progress, options.interrupted, options.workers);
+  if (auto repaired = repairTriangles(mesh, out.diagnosis, name, progress, options.interrupted, options.workers,
+                                      options.all_pieces_up_to);
       !repaired)
     return repaired.error();
   dropInwardNormals(mesh);
@@ -314,7 +315,7 @@ Result<LoadedMesh> repairMesh(TriMesh mesh, const std::string& name, int workers
     for (const glm::vec2& uv : m.corner_uv[t])
       if (!std::isfinite(uv.x) || !std::isfinite(uv.y))
         return invalid(name, "triangle " + std::to_string(t) + ": expected finite texture coordinates");
-  if (auto repaired = repairTriangles(out.mesh, out.diagnosis, name, {}, nullptr, workers); !repaired)
+  if (auto repaired = repairTriangles(out.mesh, out.diagnosis, name, {}, nullptr, workers, 0); !repaired)
     return repaired.error();
   return out;
 }

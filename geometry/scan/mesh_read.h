@@ -48,6 +48,8 @@ struct MeshReadOptions {
       false;  // material files beyond the mesh's folder are read, too; else one that is named there is kInvalidData
   // Texture coordinates are kept for one image from elsewhere, whatever images and colours the file's materials have.
   bool other_image = false;
+  // Triangles: of a mesh with more of them, and with very many pieces, the smallest pieces are dropped.
+  size_t all_pieces_up_to = 0;
   int workers = 0;  // threads; 0: one a core. The mesh and its diagnosis are the same for any number
 };
 

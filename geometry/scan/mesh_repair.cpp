@@ -20,13 +20,14 @@ constexpr uint32_t kNone = ~uint32_t{0};
 class Repair {
  public:
   Repair(TriMesh& mesh, MeshDiagnosis& diagnosis, const std::string& name, const std::function<void(double)>& progress,
-         const std::atomic<bool>* interrupted, int workers)
+         const std::atomic<bool>* interrupted, int workers, size_t all_pieces_up_to)
       : mesh_(mesh),
         diagnosis_(diagnosis),
         name_(name),
         progress_(progress),
         interrupted_(interrupted),
-        workers_(workerCount(workers)) {}
+        workers_(workerCount(workers)),
+        all_pieces_up_to_(all_pieces_up_to) {}
 
   Result<void> run() {
     if (!step(0)) return stopped();
@@ -286,7 +287,8 @@ class Repair {
     return true;
   }
 
-  // Of more than kMostPieces the smallest leave, up to kMostDust of the area; and pieces that have no area.
+  // Of more than kMostPieces the smallest leave, up to kMostDust of the area, if the mesh has more triangles than
+  // all_pieces_up_to_; and pieces that have no area.
   void dropDust(EdgeCensus& census, Pieces& pieces, double diagonal) {
     if (pieces.count() < 2) return;
     std::vector<double> area(pieces.count());
@@ -302,8 +304,9 @@ class Repair {
     std::vector<uint32_t> dust;
     double lost = 0;
     size_t left = pieces.count();
+    const bool keeps_all = mesh_.triangles.size() <= all_pieces_up_to_;
     for (size_t p : by_area) {
-      const bool many = left > kMostPieces && lost + area[p] <= kMostDust * whole;
+      const bool many = !keeps_all && left > kMostPieces && lost + area[p] <= kMostDust * whole;
       if (left == 1 || !(many || area[p] <= no_area)) break;
       const auto triangles = pieces.triangles(p);
       dust.insert(dust.end(), triangles.begin(), triangles.end());
@@ -409,6 +412,7 @@ class Repair {
   const std::function<void(double)>& progress_;
   const std::atomic<bool>* interrupted_;
   int workers_;
+  size_t all_pieces_up_to_;
   uint64_t explained_ = 0;  // vertices of no triangle that other findings tell of
 };
 
@@ -424,8 +428,8 @@ bool isDegenerate(const TriMesh& mesh, const std::array<uint32_t, 3>& t) {
 
 Result<void> repairTriangles(TriMesh& mesh, MeshDiagnosis& diagnosis, const std::string& name,
                              const std::function<void(double)>& progress, const std::atomic<bool>* interrupted,
-                             int workers) {
-  return Repair(mesh, diagnosis, name, progress, interrupted, workers).run();
+                             int workers, size_t all_pieces_up_to) {
+  return Repair(mesh, diagnosis, name, progress, interrupted, workers, all_pieces_up_to).run();
 }
 
 }  // namespace relievo

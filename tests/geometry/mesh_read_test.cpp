@@ -1303,14 +1303,15 @@ TEST(MeshRepairs, BordersAndPiecesAreCounted) {
 
 // Scans carry dust: a body, and as many single triangles of that area each.
 TEST(MeshRepairs, TheSmallestOfManyPiecesAreDroppedAndTheirAreaIsSaid) {
-  const auto dusty = [](size_t pieces, float side) {
+  const auto dustySample = [](size_t pieces, float side) {
     Sample s = scanOfCubeSphere(12);
     for (size_t k = 0; k < pieces; ++k) {
       const float x = 2000.0f + 10.0f * static_cast<float>(k);
       append(s, {{{x, 0, 0}, {x + side, 0, 0}, {x, side, 0}}, {{0, 1, 2}}, {}, {}});
     }
-    return mustRepair(toMesh(s));
+    return s;
   };
+  const auto dusty = [&](size_t pieces, float side) { return mustRepair(toMesh(dustySample(pieces, side))); };
   const auto droppedOf = [](const LoadedMesh& r) -> const MeshFinding* {
     for (const MeshFinding& f : r.diagnosis.findings)
       if (f.what.find("smallest of ") == 0) return &f;
@@ -1333,6 +1334,14 @@ TEST(MeshRepairs, TheSmallestOfManyPiecesAreDroppedAndTheirAreaIsSaid) {
   r = dusty(kMost + 500, 5);
   EXPECT_LT(r.diagnosis.pieces, kMost + 501);
   EXPECT_GT(r.diagnosis.pieces, kMost + 300);
+  // Where each triangle may be shown all stay.
+  const Sample sample = dustySample(kMost + 500, 0.05f);
+  const std::string path = saveFile("dusty.ply", plyFile(sample, {}));
+  r = mustRead(path, {.all_pieces_up_to = sample.triangles.size()});
+  EXPECT_EQ(droppedOf(r), nullptr);
+  EXPECT_EQ(r.diagnosis.pieces, kMost + 501);
+  r = mustRead(path, {.all_pieces_up_to = sample.triangles.size() - 1});
+  EXPECT_EQ(r.diagnosis.pieces, kMost);
 }
 
 // Triangles between few vertices: everything that can be wrong is.

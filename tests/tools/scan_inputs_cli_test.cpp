@@ -61,6 +61,26 @@ TEST_F(ScanInputs, UnitsComeFromTheFileUnlessTheyAreGiven) {
   EXPECT_NEAR(built("a.ply", "--tolerance 3mm")["tolerance_mm"].get<double>(), 3, 1e-9);
 }
 
+// As a figure's hair, or what a scanner saw beside it: patches of the scan's own triangles.
+TEST_F(ScanInputs, OfManyPiecesNoneIsDropped) {
+  if (test::kSanitized) GTEST_SKIP() << "about figures; others build scans under the sanitizer";
+  test::Sample s = slab();
+  const size_t of_slab = s.triangles.size();
+  for (int k = 0; k < 2500; ++k) {
+    const double x = 30 + 0.5 * (k % 50), y = 0.5 * (k / 50);
+    test::append(s, {{{x, y, 0}, {x + 0.1, y, 0}, {x, y + 0.1, 0.02}}, {{0, 1, 2}}, {}, {}});
+  }
+  write("a.ply", test::plyFile(s, {}));
+  const Json mesh = built("a.ply");
+  EXPECT_EQ(mesh["pieces"], 2501) << said_;
+  EXPECT_EQ(said_.find("dropped"), std::string::npos) << said_;
+  const auto package = Package::open(file("a.relievo"));
+  ASSERT_TRUE(package.ok());
+  const uint32_t patches = (*package)->header().domain.patchCount();
+  EXPECT_GE(patches, 2500 + of_slab / 2);
+  EXPECT_LE(patches, 2500 + of_slab) << "no base of larger patches, which has several for each of them";
+}
+
 TEST_F(ScanInputs, UpAndRotateTurnTheScanAndAreKept) {
   if (test::kSanitized) GTEST_SKIP() << "about figures; others build scans under the sanitizer";
   write("a.ply", test::plyFile(slab(), {}));
