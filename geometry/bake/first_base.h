@@ -19,10 +19,6 @@ inline constexpr uint32_t kMostPatches = 4096, kFewFaces = 36'864, kManyFaces = 
 // Where all of that misses, as of scans of many small pieces: simplified triangles, and the scan's own.
 inline constexpr uint32_t kMostSimplified = 131'072, kMostFaces = 262'144, kMostLightFaces = 1'048'576;
 
-// A base of larger patches has some four of them a piece, or more: of a scan of so many pieces its own triangles are no
-// more, and show all of these pieces.
-inline constexpr size_t kManyPieces = 2048;
-
 // Of a scan's triangles beside a crease: beyond it own triangles take fewer bytes than larger patches.
 inline constexpr double kMostlyCreased = 0.5;
 

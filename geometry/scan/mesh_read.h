@@ -37,6 +37,10 @@
 
 namespace relievo {
 
+// A base of larger patches has some four of them a piece, or more: for more pieces than this they would be missing
+// where the scan's area is. Its own triangles are no more, and show all of these pieces.
+inline constexpr size_t kManyPieces = 2048;
+
 struct MeshReadOptions {
   std::optional<double> mm_per_unit;  // nothing: as the file states (glTF: metres; comments of the others), else mm
   glm::dmat3 turn{1};                 // applied to the file's coordinates (turnOf); nothing else is turned
@@ -48,7 +52,7 @@ struct MeshReadOptions {
       false;  // material files beyond the mesh's folder are read, too; else one that is named there is kInvalidData
   // Texture coordinates are kept for one image from elsewhere, whatever images and colours the file's materials have.
   bool other_image = false;
-  // Triangles: of a mesh with more of them, and with very many pieces, the smallest pieces are dropped.
+  // Triangles: of a mesh with more of them, and with more than kManyPieces, the smallest pieces are dropped.
   size_t all_pieces_up_to = 0;
   int workers = 0;  // threads; 0: one a core. The mesh and its diagnosis are the same for any number
 };

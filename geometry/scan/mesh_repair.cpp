@@ -92,8 +92,6 @@ class Repair {
   static constexpr double kTJunctionTolerance =
       1e-7;  // of the diagonal: what floats from the origin can mean by "on the edge"
   static constexpr double kMinDiagonalMm = 1e-6;
-  // Patches for more pieces would be missing where the scan's area is.
-  static constexpr size_t kMostPieces = 2048;
   static constexpr double kMostDust = 0.01;  // of the area
   static constexpr double kNoArea = 1e-14;   // of the diagonal's square: no patch has so little
 
@@ -287,7 +285,7 @@ class Repair {
     return true;
   }
 
-  // Of more than kMostPieces the smallest leave, up to kMostDust of the area, if the mesh has more triangles than
+  // Of more than kManyPieces the smallest leave, up to kMostDust of the area, if the mesh has more triangles than
   // all_pieces_up_to_; and pieces that have no area.
   void dropDust(EdgeCensus& census, Pieces& pieces, double diagonal) {
     if (pieces.count() < 2) return;
@@ -306,7 +304,7 @@ class Repair {
     size_t left = pieces.count();
     const bool keeps_all = mesh_.triangles.size() <= all_pieces_up_to_;
     for (size_t p : by_area) {
-      const bool many = !keeps_all && left > kMostPieces && lost + area[p] <= kMostDust * whole;
+      const bool many = !keeps_all && left > kManyPieces && lost + area[p] <= kMostDust * whole;
       if (left == 1 || !(many || area[p] <= no_area)) break;
       const auto triangles = pieces.triangles(p);
       dust.insert(dust.end(), triangles.begin(), triangles.end());
